@@ -1,0 +1,11 @@
+//! Rays, triangle meshes, analytic shapes, hits and what is known about the point that was hit.
+
+mod mesh;
+mod ray;
+mod set;
+mod shape;
+
+pub use mesh::{PaddedVec3s, TriangleMesh, VertexAttribute};
+pub use ray::{Hit, NO_INSTANCE, Ray};
+pub use set::{GeometrySet, Instance, SurfaceInteraction};
+pub use shape::{Cylinder, Disk, Shape, Sphere};

@@ -1,0 +1,8 @@
+//! caustica: a photon-mapping renderer for the CPU.
+//!
+//! The rooms stand in the order in which light travels; see `ARCHITECTURE.md`.
+
+pub mod color;
+pub mod geometry;
+pub mod math;
+pub mod sample;

@@ -1,0 +1,3 @@
+//! The `caustica` command.
+
+fn main() {}

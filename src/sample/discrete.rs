@@ -1,0 +1,213 @@
+/// A discrete distribution sampled by inversion, so that stratified numbers stay stratified.
+///
+/// Weights that are negative or not finite count as zero. Sums are in f64.
+#[derive(Clone, Debug, Default)]
+pub struct Cdf {
+    /// `cumulative[i]` is the probability of the items before `i`; one entry more than there are items.
+    cumulative: Vec<f32>,
+    total: f64,
+}
+
+impl Cdf {
+    pub fn new(weights: impl IntoIterator<Item = f64>) -> Self {
+        let mut sums = vec![0.0f64];
+        let mut total = 0.0;
+        for w in weights {
+            if w > 0.0 && w.is_finite() {
+                total += w;
+            }
+            sums.push(total);
+        }
+        let inv = if total > 0.0 { 1.0 / total } else { 0.0 };
+        Self { cumulative: sums.iter().map(|s| (s * inv) as f32).collect(), total }
+    }
+
+    pub fn len(&self) -> usize {
+        self.cumulative.len().saturating_sub(1)
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Sum of the weights.
+    pub fn total(&self) -> f64 {
+        self.total
+    }
+
+    /// Probability of item `i`.
+    #[inline]
+    pub fn pmf(&self, i: usize) -> f32 {
+        self.cumulative[i + 1] - self.cumulative[i]
+    }
+
+    /// An item, its probability, and the number that is left over, uniform in [0, 1). `None` when all weights are zero.
+    #[inline]
+    pub fn sample(&self, u: f32) -> Option<(usize, f32, f32)> {
+        if self.total <= 0.0 {
+            return None;
+        }
+        // The last item whose cumulative probability is at most u; items of probability zero are never it.
+        let mut i = self.cumulative.partition_point(|&c| c <= u).clamp(1, self.len()) - 1;
+        while self.pmf(i) <= 0.0 && i > 0 {
+            i -= 1;
+        }
+        let p = self.pmf(i);
+        if p <= 0.0 {
+            return None;
+        }
+        let rest = ((u - self.cumulative[i]) / p).clamp(0.0, 1.0f32.next_down());
+        Some((i, p, rest))
+    }
+}
+
+/// A discrete distribution sampled in constant time [Vose 1991].
+#[derive(Clone, Debug, Default)]
+pub struct AliasTable {
+    bins: Vec<(f32, u32)>,
+    pmf: Vec<f32>,
+}
+
+impl AliasTable {
+    /// Weights that are negative or not finite count as zero; all zero gives an empty table.
+    pub fn new(weights: &[f64]) -> Self {
+        let clean = |w: f64| if w > 0.0 && w.is_finite() { w } else { 0.0 };
+        let total: f64 = weights.iter().copied().map(clean).sum();
+        if total <= 0.0 {
+            return Self::default();
+        }
+        let n = weights.len();
+        let mut scaled: Vec<f64> = weights.iter().map(|&w| clean(w) / total * n as f64).collect();
+        let pmf = scaled.iter().map(|q| (q / n as f64) as f32).collect();
+        let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| scaled[i] < 1.0);
+        let mut bins = vec![(1.0f32, 0u32); n];
+        while let (Some(&s), Some(&l)) = (small.last(), large.last()) {
+            small.pop();
+            bins[s] = (scaled[s] as f32, l as u32);
+            scaled[l] -= 1.0 - scaled[s];
+            if scaled[l] < 1.0 {
+                large.pop();
+                small.push(l);
+            }
+        }
+        for i in small.into_iter().chain(large) {
+            bins[i] = (1.0, i as u32);
+        }
+        Self { bins, pmf }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.bins.is_empty()
+    }
+
+    #[inline]
+    pub fn pmf(&self, i: usize) -> f32 {
+        self.pmf[i]
+    }
+
+    /// An item and its probability. `None` when all weights are zero.
+    #[inline]
+    pub fn sample(&self, u: f32) -> Option<(usize, f32)> {
+        if self.bins.is_empty() {
+            return None;
+        }
+        let x = u * self.bins.len() as f32;
+        let i = (x as usize).min(self.bins.len() - 1);
+        let (q, alias) = self.bins[i];
+        let item = if x - (i as f32) < q { i } else { alias as usize };
+        Some((item, self.pmf[item]))
+    }
+}
+
+/// A piecewise-constant density on the unit square, rows first.
+#[derive(Clone, Debug, Default)]
+pub struct Distribution2d {
+    width: usize,
+    rows: Vec<Cdf>,
+    marginal: Cdf,
+}
+
+impl Distribution2d {
+    /// `weights` holds `height` rows of `width`; they need not be normalised.
+    pub fn new(width: usize, height: usize, weights: &[f32]) -> Self {
+        assert_eq!(weights.len(), width * height, "weights must fill the grid");
+        let rows: Vec<Cdf> = weights.chunks(width.max(1)).map(|row| Cdf::new(row.iter().map(|&w| w as f64))).collect();
+        let marginal = Cdf::new(rows.iter().map(Cdf::total));
+        Self { width, rows, marginal }
+    }
+
+    /// Sum of the weights.
+    pub fn total(&self) -> f64 {
+        self.marginal.total()
+    }
+
+    /// A point in [0,1)² and its density with respect to the unit square.
+    #[inline]
+    pub fn sample(&self, u: glam::Vec2) -> Option<(glam::Vec2, f32)> {
+        let (y, py, ry) = self.marginal.sample(u.y)?;
+        let (x, px, rx) = self.rows[y].sample(u.x)?;
+        let (w, h) = (self.width as f32, self.rows.len() as f32);
+        Some((glam::Vec2::new((x as f32 + rx) / w, (y as f32 + ry) / h), px * w * py * h))
+    }
+
+    /// Density of [`Distribution2d::sample`] at `p`.
+    #[inline]
+    pub fn pdf(&self, p: glam::Vec2) -> f32 {
+        let (w, h) = (self.width, self.rows.len());
+        if w == 0 || h == 0 {
+            return 0.0;
+        }
+        let x = ((p.x * w as f32) as usize).min(w - 1);
+        let y = ((p.y * h as f32) as usize).min(h - 1);
+        self.rows[y].pmf(x) * w as f32 * self.marginal.pmf(y) * h as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec2;
+
+    #[test]
+    fn cdf_never_returns_an_item_of_probability_zero() {
+        let cdf = Cdf::new([0.0, 1.0, 0.0, 3.0, 0.0]);
+        for i in 0..=1000 {
+            let u = (i as f32 / 1000.0).min(1.0f32.next_down());
+            let (item, p, rest) = cdf.sample(u).expect("positive total");
+            assert!(p > 0.0 && (item == 1 || item == 3), "u = {u}: {item}");
+            assert!((0.0..1.0).contains(&rest));
+        }
+        assert!(Cdf::new([0.0, f64::NAN, -1.0]).sample(0.5).is_none());
+        assert!(Cdf::new([]).sample(0.5).is_none());
+    }
+
+    #[test]
+    fn alias_table_follows_its_weights() {
+        let w = [1.0, 0.0, 2.0, 7.0];
+        let table = AliasTable::new(&w);
+        let mut count = [0u32; 4];
+        for i in 0..10_000 {
+            count[table.sample((i as f32 + 0.5) / 10_000.0).expect("positive total").0] += 1;
+        }
+        for (c, w) in count.iter().zip(w) {
+            assert!((*c as f64 - 1000.0 * w).abs() < 10.0, "{count:?}");
+        }
+    }
+
+    #[test]
+    fn density_on_the_square_integrates_to_one_and_matches_samples() {
+        let d = Distribution2d::new(3, 2, &[1.0, 0.0, 2.0, 4.0, 1.0, 0.0]);
+        let mut sum = 0.0;
+        for y in 0..2 {
+            for x in 0..3 {
+                sum += d.pdf(Vec2::new((x as f32 + 0.5) / 3.0, (y as f32 + 0.5) / 2.0)) / 6.0;
+            }
+        }
+        assert!((sum - 1.0).abs() < 1e-6);
+        for i in 0..100 {
+            let u = Vec2::new((i as f32 * 0.37) % 1.0, (i as f32 * 0.61) % 1.0);
+            let (p, pdf) = d.sample(u).expect("positive total");
+            assert_eq!(pdf, d.pdf(p));
+        }
+    }
+}

@@ -1,0 +1,132 @@
+use glam::Vec2;
+use rand::rand_core::{Infallible, TryRng};
+
+use super::{Key, hash_u64, sobol};
+
+/// Which point set a [`Sampler`] draws from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sequence {
+    /// Independent uniform numbers.
+    Independent,
+    /// Owen-scrambled Sobol' pairs; the first 2ᵏ indices of a key are stratified in every dimension pair.
+    #[default]
+    Sobol,
+}
+
+/// The numbers of one sample or photon path: a pure function of `(sequence, key, index, dimension)`.
+#[derive(Clone, Copy, Debug)]
+pub struct Sampler {
+    key: u64,
+    index: u32,
+    dim: u32,
+    sequence: Sequence,
+}
+
+impl Sampler {
+    /// The stream of sample `index` of the family `key`. Indices beyond 2³² start further scrambles.
+    #[inline]
+    pub fn new(sequence: Sequence, key: Key, index: u64) -> Self {
+        let high = index >> 32;
+        let key = if high == 0 { key.0 } else { hash_u64(key.0, high) };
+        Self { key, index: index as u32, dim: 0, sequence }
+    }
+
+    /// The next number in [0, 1).
+    #[inline]
+    pub fn next_1d(&mut self) -> f32 {
+        to_unit(self.next_word())
+    }
+
+    /// The next point in [0, 1)².
+    #[inline]
+    pub fn next_2d(&mut self) -> Vec2 {
+        let hash = self.next_hash();
+        let (x, y) = match self.sequence {
+            Sequence::Independent => {
+                let h = hash_u64(hash, self.index as u64);
+                (h as u32, (h >> 32) as u32)
+            }
+            Sequence::Sobol => sobol::sample_2d(self.index, hash),
+        };
+        Vec2::new(to_unit(x), to_unit(y))
+    }
+
+    #[inline]
+    fn next_hash(&mut self) -> u64 {
+        let hash = hash_u64(self.key, self.dim as u64);
+        self.dim = self.dim.wrapping_add(1);
+        hash
+    }
+
+    #[inline]
+    fn next_word(&mut self) -> u32 {
+        let hash = self.next_hash();
+        match self.sequence {
+            Sequence::Independent => hash_u64(hash, self.index as u64) as u32,
+            Sequence::Sobol => sobol::sample_1d(self.index, hash),
+        }
+    }
+}
+
+/// The top 24 bits as a float in [0, 1); 1 is never reached.
+#[inline]
+fn to_unit(x: u32) -> f32 {
+    (x >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+impl TryRng for Sampler {
+    type Error = Infallible;
+
+    fn try_next_u32(&mut self) -> Result<u32, Infallible> {
+        Ok(self.next_word())
+    }
+
+    fn try_next_u64(&mut self) -> Result<u64, Infallible> {
+        Ok((self.next_word() as u64) << 32 | self.next_word() as u64)
+    }
+
+    fn try_fill_bytes(&mut self, dst: &mut [u8]) -> Result<(), Infallible> {
+        for chunk in dst.chunks_mut(4) {
+            chunk.copy_from_slice(&self.next_word().to_le_bytes()[..chunk.len()]);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::Purpose;
+    use rand::RngExt;
+
+    #[test]
+    fn streams_are_uniform_and_below_one() {
+        for sequence in [Sequence::Independent, Sequence::Sobol] {
+            let (mut sum, n) = (0.0f64, 1 << 16);
+            for i in 0..n {
+                let mut s = Sampler::new(sequence, Key::new(1, Purpose::Test, 0), i);
+                s.next_2d();
+                let x = s.next_1d();
+                assert!((0.0..1.0).contains(&x));
+                sum += x as f64;
+            }
+            // Standard error of the mean is 1/sqrt(12 n) = 0.0011; 4 of them.
+            assert!((sum / n as f64 - 0.5).abs() < 0.0045, "{sequence:?}: {}", sum / n as f64);
+        }
+    }
+
+    #[test]
+    fn indices_beyond_32_bits_differ() {
+        let key = Key::new(1, Purpose::Photon, 0);
+        let mut a = Sampler::new(Sequence::Sobol, key, 7);
+        let mut b = Sampler::new(Sequence::Sobol, key, 7 + (1 << 32));
+        assert_ne!(a.next_2d(), b.next_2d());
+    }
+
+    #[test]
+    fn implements_the_rand_traits() {
+        let mut s = Sampler::new(Sequence::Independent, Key::new(3, Purpose::Test, 0), 0);
+        let x: f64 = s.random();
+        assert!((0.0..1.0).contains(&x));
+    }
+}
