@@ -1,11 +1,16 @@
 //! Rays, triangle meshes, analytic shapes, hits and what is known about the point that was hit.
 
 mod mesh;
+mod quadric;
 mod ray;
 mod set;
 mod shape;
+#[cfg(test)]
+mod tests;
+mod triangle;
 
 pub use mesh::{PaddedVec3s, TriangleMesh, VertexAttribute};
 pub use ray::{Hit, NO_INSTANCE, Ray};
 pub use set::{GeometrySet, Instance, SurfaceInteraction};
 pub use shape::{Cylinder, Disk, Shape, Sphere};
+pub use triangle::{ShearedRay, intersect_triangle, is_traceable, refine_triangle, triangle_normal};

@@ -1,7 +1,7 @@
-use glam::{Vec2, Vec3};
+use glam::{DMat4, DVec3, Vec2, Vec3};
 
-use super::Shape;
-use crate::math::Transform;
+use super::{Hit, NO_INSTANCE, Ray, Shape};
+use crate::math::{Bounds3, Transform, gamma};
 
 /// A placed copy of a group of shapes.
 #[derive(Clone, Debug)]
@@ -11,7 +11,7 @@ pub struct Instance {
     pub to_world: Transform,
 }
 
-/// All geometry of a scene. Indices are stable and are what [`Hit`](super::Hit) refers to.
+/// All geometry of a scene. Indices are stable and are what [`Hit`] refers to.
 #[derive(Clone, Debug, Default)]
 pub struct GeometrySet {
     pub shapes: Vec<Shape>,
@@ -20,6 +20,98 @@ pub struct GeometrySet {
     /// Shapes that exist only through instances.
     pub groups: Vec<Vec<u32>>,
     pub instances: Vec<Instance>,
+}
+
+impl Instance {
+    /// The ray in the coordinates of the group, with the same parameter `t`. Rounded once from f64.
+    #[inline]
+    pub fn local_ray(&self, ray: &Ray) -> Ray {
+        let inv = self.to_world.inverse_matrix();
+        Ray {
+            o: inv.transform_point3(ray.o.as_dvec3()).as_vec3(),
+            d: inv.transform_vector3(ray.d.as_dvec3()).as_vec3(),
+            tmax: ray.tmax,
+        }
+    }
+
+    /// The point in scene space, with an error bound that also covers the way back of the next ray into the group.
+    fn place(&self, local: SurfaceInteraction, wo: Vec3) -> SurfaceInteraction {
+        let (m, inv) = (self.to_world.matrix(), self.to_world.inverse_matrix());
+        let p = m.transform_point3(local.p.as_dvec3());
+        let abs = |m: &DMat4, v: DVec3| {
+            m.x_axis.truncate().abs() * v.x + m.y_axis.truncate().abs() * v.y + m.z_axis.truncate().abs() * v.z
+        };
+        // Add the rounding of a ray origin in the group to the error of the point, then carry both through the map.
+        let back = abs(inv, p.abs()) + inv.w_axis.truncate().abs();
+        let local_err = local.p_err.as_dvec3() + back * gamma(3) as f64;
+        let p_err = abs(m, local_err) + p.abs() * gamma(3) as f64;
+        let ng = self.to_world.normal(local.ng).normalize_or(local.ng);
+        let ns = self.to_world.normal(local.ns).normalize_or(ng);
+        SurfaceInteraction {
+            p: p.as_vec3(),
+            p_err: p_err.as_vec3(),
+            ng,
+            ns: if ns.dot(ng) < 0.0 { -ns } else { ns },
+            dpdu: self.to_world.vector(local.dpdu),
+            dpdv: self.to_world.vector(local.dpdv),
+            wo,
+            ..local
+        }
+    }
+
+    /// The box of the placed group, given the box of the group.
+    pub fn bounds(&self, group: &Bounds3) -> Bounds3 {
+        if group.is_empty() {
+            return *group;
+        }
+        // Widen by the rounding of the corners.
+        let b = self.to_world.bounds(group);
+        let m = self.to_world.matrix();
+        let reach = group.min.abs().max(group.max.abs()).as_dvec3();
+        let sum = m.x_axis.truncate().abs() * reach.x
+            + m.y_axis.truncate().abs() * reach.y
+            + m.z_axis.truncate().abs() * reach.z
+            + m.w_axis.truncate().abs();
+        let pad = gamma(8) * sum.as_vec3();
+        Bounds3::new(b.min - pad, b.max + pad)
+    }
+}
+
+impl GeometrySet {
+    /// The box of one shape, in scene space or in its group's space.
+    pub fn shape_bounds(&self, shape: u32) -> Bounds3 {
+        self.shapes[shape as usize].bounds()
+    }
+
+    /// The box of a group of shapes, in the group's space.
+    pub fn group_bounds(&self, group: u32) -> Bounds3 {
+        self.groups[group as usize].iter().fold(Bounds3::EMPTY, |b, &s| b.union(self.shape_bounds(s)))
+    }
+
+    /// The box of all geometry in the scene, instances included.
+    pub fn bounds(&self) -> Bounds3 {
+        let groups: Vec<_> = (0..self.groups.len() as u32).map(|g| self.group_bounds(g)).collect();
+        let top = self.top.iter().fold(Bounds3::EMPTY, |b, &s| b.union(self.shape_bounds(s)));
+        self.instances.iter().fold(top, |b, i| b.union(i.bounds(&groups[i.group as usize])))
+    }
+
+    /// What is known about the point that `ray` hit.
+    pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
+        let instance = (hit.instance != NO_INSTANCE).then(|| &self.instances[hit.instance as usize]);
+        let local_ray = instance.map_or(*ray, |i| i.local_ray(ray));
+        // Find the point in the space of the shape.
+        let mut si = match &self.shapes[hit.shape as usize] {
+            Shape::Mesh(m) => m.interaction(&local_ray, hit.t, hit.prim, hit.u, hit.v),
+            Shape::Sphere(s) => s.interaction(&local_ray, hit.t),
+            Shape::Disk(s) => s.interaction(&local_ray, hit.t),
+            Shape::Cylinder(s) => s.interaction(&local_ray, hit.t),
+        };
+        // Carry it to scene space.
+        if let Some(instance) = instance {
+            si = instance.place(si, -ray.d.normalize_or(Vec3::Z));
+        }
+        SurfaceInteraction { shape: hit.shape, prim: hit.prim, instance: hit.instance, ..si }
+    }
 }
 
 /// The point that a ray hit.

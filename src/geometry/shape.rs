@@ -3,7 +3,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::TriangleMesh;
-use crate::math::Transform;
+use crate::math::{Bounds3, Transform};
 
 /// An exact sphere. Its outside is where normals point unless `flip_normals`.
 #[derive(Clone, Copy, Debug)]
@@ -39,4 +39,34 @@ pub enum Shape {
     Sphere(Sphere),
     Disk(Disk),
     Cylinder(Cylinder),
+}
+
+impl Shape {
+    /// The smallest box around the shape; empty for a mesh without vertices.
+    pub fn bounds(&self) -> Bounds3 {
+        match self {
+            Shape::Mesh(m) => m.bounds(),
+            Shape::Sphere(s) => s.bounds(),
+            Shape::Disk(s) => s.bounds(),
+            Shape::Cylinder(s) => s.bounds(),
+        }
+    }
+
+    /// Surface area in the square of the scene's unit.
+    pub fn area(&self) -> f64 {
+        match self {
+            Shape::Mesh(m) => m.area(),
+            Shape::Sphere(s) => s.area(),
+            Shape::Disk(s) => s.area(),
+            Shape::Cylinder(s) => s.area(),
+        }
+    }
+
+    /// Number of primitives: triangles of a mesh, 1 for an analytic shape.
+    pub fn primitives(&self) -> usize {
+        match self {
+            Shape::Mesh(m) => m.indices.len(),
+            _ => 1,
+        }
+    }
 }

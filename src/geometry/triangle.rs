@@ -1,0 +1,190 @@
+use glam::{DVec3, Vec2, Vec3};
+
+use super::{Ray, SurfaceInteraction, TriangleMesh};
+use crate::math::{Frame, gamma};
+
+/// A ray in the sheared coordinates of the watertight triangle test: axis `k[2]` is where the direction is largest
+/// [Woop, Benthin, Wald 2013, "Watertight Ray/Triangle Intersection", §3.1].
+#[derive(Clone, Copy, Debug)]
+pub struct ShearedRay {
+    /// Axis permutation that keeps the handedness.
+    pub k: [usize; 3],
+    /// Shear of x and y, scale of z.
+    pub s: Vec3,
+}
+
+impl ShearedRay {
+    /// `None` when a coordinate is not finite or the direction is zero: such a ray hits nothing.
+    #[inline]
+    pub fn new(ray: &Ray) -> Option<Self> {
+        if !is_traceable(ray) {
+            return None;
+        }
+        let d = ray.d;
+        let a = d.abs();
+        let kz = if a.x > a.y {
+            if a.x > a.z { 0 } else { 2 }
+        } else if a.y > a.z {
+            1
+        } else {
+            2
+        };
+        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
+        if d[kz] < 0.0 {
+            std::mem::swap(&mut kx, &mut ky);
+        }
+        let s = Vec3::new(d[kx] / d[kz], d[ky] / d[kz], 1.0 / d[kz]);
+        s.z.is_finite().then_some(Self { k: [kx, ky, kz], s })
+    }
+}
+
+/// True when a query with this ray is defined; every other ray hits nothing.
+#[inline]
+pub fn is_traceable(ray: &Ray) -> bool {
+    ray.o.is_finite() && ray.d.is_finite() && ray.d != Vec3::ZERO && ray.tmax > 0.0
+}
+
+/// Watertight triangle test: `(t, u, v)` with `0 < t < tmax`, u and v the weights of the second and third vertex.
+///
+/// Two triangles with a common edge never let a ray through between them. Both sides are hit.
+#[inline]
+pub fn intersect_triangle(ray: &Ray, sheared: &ShearedRay, tri: [Vec3; 3]) -> Option<(f32, f32, f32)> {
+    let [kx, ky, kz] = sheared.k;
+    let s = sheared.s;
+    let [a, b, c] = tri.map(|p| p - ray.o);
+    // Shear the vertices so that the ray runs along +z.
+    let (ax, ay) = (a[kx] - s.x * a[kz], a[ky] - s.y * a[kz]);
+    let (bx, by) = (b[kx] - s.x * b[kz], b[ky] - s.y * b[kz]);
+    let (cx, cy) = (c[kx] - s.x * c[kz], c[ky] - s.y * c[kz]);
+    // Evaluate the edge functions; decide a zero in f64, where the products are exact.
+    let mut u = cx * by - cy * bx;
+    let mut v = ax * cy - ay * cx;
+    let mut w = bx * ay - by * ax;
+    if u == 0.0 || v == 0.0 || w == 0.0 {
+        let edge = |px: f32, qy: f32, py: f32, qx: f32| (px as f64 * qy as f64 - py as f64 * qx as f64) as f32;
+        u = edge(cx, by, cy, bx);
+        v = edge(ax, cy, ay, cx);
+        w = edge(bx, ay, by, ax);
+    }
+    if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+        return None;
+    }
+    if u + v + w == 0.0 {
+        return None;
+    }
+    refine_triangle(ray, sheared.k, tri)
+}
+
+/// Repeats the triangle test in f64 for a triangle that is known to be hit.
+///
+/// The sign of `t` is then right for every ray that starts outside the rounding error of the plane, needles of any aspect
+/// included, which f32 cannot promise.
+#[inline]
+pub fn refine_triangle(ray: &Ray, k: [usize; 3], tri: [Vec3; 3]) -> Option<(f32, f32, f32)> {
+    let (o, d) = (ray.o.as_dvec3(), ray.d.as_dvec3());
+    let [dx, dy, dz] = k.map(|i| d[i]);
+    // Shear without the division, which only scales all three edge functions by dz².
+    let [(ax, ay, az), (bx, by, bz), (cx, cy, cz)] = tri.map(|p| {
+        let p = p.as_dvec3() - o;
+        (p[k[0]] * dz - dx * p[k[2]], p[k[1]] * dz - dy * p[k[2]], p[k[2]])
+    });
+    let u = cx * by - cy * bx;
+    let v = ax * cy - ay * cx;
+    let w = bx * ay - by * ax;
+    let rcp = 1.0 / (u + v + w);
+    let t = ((u * az + v * bz + w * cz) * rcp / dz) as f32;
+    // An infinite reciprocal or NaN fails the comparisons.
+    (t > 0.0 && t < ray.tmax).then(|| {
+        let weight = |x: f64| ((x * rcp) as f32).clamp(0.0, 1.0);
+        (t, weight(v), weight(w))
+    })
+}
+
+/// The unit normal of a triangle by the right-hand rule, in f64 so that needles keep theirs; `None` for zero area.
+#[inline]
+pub fn triangle_normal(p: [Vec3; 3]) -> Option<Vec3> {
+    let [a, b, c] = p.map(|p| p.as_dvec3());
+    let n = (b - a).cross(c - a);
+    let len = n.length();
+    (len > 0.0 && len.is_finite()).then(|| (n / len).as_vec3())
+}
+
+impl TriangleMesh {
+    /// Area of one triangle in the square of the mesh's unit.
+    #[inline]
+    pub fn triangle_area(&self, prim: u32) -> f64 {
+        let [a, b, c] = self.triangle(prim).map(|p| p.as_dvec3());
+        0.5 * (b - a).cross(c - a).length()
+    }
+
+    /// Total area.
+    pub fn area(&self) -> f64 {
+        (0..self.indices.len() as u32).map(|i| self.triangle_area(i)).sum()
+    }
+
+    /// What is known about the point with barycentric weights `(u, v)` of triangle `prim`.
+    pub(super) fn interaction(&self, ray: &Ray, t: f32, prim: u32, u: f32, v: f32) -> SurfaceInteraction {
+        let index = self.indices[prim as usize].map(|i| i as usize);
+        let tri = self.triangle(prim);
+        let [p0, p1, p2] = tri;
+        // Interpolate the point; its error does not grow with the distance to the ray origin.
+        let b0 = 1.0 - u - v;
+        let p = b0 * p0 + u * p1 + v * p2;
+        let p_err = gamma(7) * ((b0 * p0).abs() + (u * p1).abs() + (v * p2).abs());
+        // Orient the normals.
+        let side = if self.flip_normals { -1.0 } else { 1.0 };
+        let ng = side * triangle_normal(tri).unwrap_or_else(|| -ray.d.normalize_or(Vec3::Z));
+        let ns = self.normals.as_ref().map_or(ng, |n| {
+            let n = b0 * n[index[0]] + u * n[index[1]] + v * n[index[2]];
+            let n = n.normalize_or_zero();
+            let cos = n.dot(ng);
+            if cos > 0.0 {
+                n
+            } else if cos < 0.0 {
+                -n
+            } else {
+                ng
+            }
+        });
+        // Parametrise by the texture coordinates, or by the barycentric weights.
+        let (uv, derivatives) = match &self.uvs {
+            Some(uvs) => {
+                let [t0, t1, t2] = index.map(|i| uvs[i]);
+                (b0 * t0 + u * t1 + v * t2, uv_derivatives(tri, [t0, t1, t2]))
+            }
+            None => (Vec2::new(u, v), Some((p1 - p0, p2 - p0))),
+        };
+        let (dpdu, dpdv) = derivatives.unwrap_or_else(|| {
+            let f = Frame::from_normal(ng);
+            (f.s, f.t)
+        });
+        SurfaceInteraction {
+            p,
+            p_err,
+            ng,
+            ns,
+            uv,
+            dpdu,
+            dpdv,
+            wo: -ray.d.normalize_or(-ng),
+            t,
+            shape: 0,
+            prim,
+            instance: super::NO_INSTANCE,
+            barycentric: Vec2::new(u, v),
+        }
+    }
+}
+
+/// ∂p/∂u and ∂p/∂v of an affine parametrisation; `None` when it is degenerate.
+fn uv_derivatives(p: [Vec3; 3], uv: [Vec2; 3]) -> Option<(Vec3, Vec3)> {
+    let [e1, e2] = [p[1] - p[0], p[2] - p[0]].map(|e| e.as_dvec3());
+    let [d1, d2] = [uv[1] - uv[0], uv[2] - uv[0]].map(|d| d.as_dvec2());
+    let det = d1.x * d2.y - d1.y * d2.x;
+    let du: DVec3 = (d2.y * e1 - d1.y * e2) / det;
+    let dv: DVec3 = (d1.x * e2 - d2.x * e1) / det;
+    let (du, dv) = (du.as_vec3(), dv.as_vec3());
+    // The derivatives must span the plane of the triangle.
+    let good = du.is_finite() && dv.is_finite() && du.as_dvec3().cross(dv.as_dvec3()).length_squared() > 0.0;
+    good.then_some((du, dv))
+}
