@@ -5,5 +5,6 @@
 pub mod accel;
 pub mod color;
 pub mod geometry;
+pub mod image;
 pub mod math;
 pub mod sample;
