@@ -3,8 +3,10 @@
 //! The rooms stand in the order in which light travels; see `ARCHITECTURE.md`.
 
 pub mod accel;
+pub mod bsdf;
 pub mod color;
 pub mod geometry;
 pub mod image;
 pub mod math;
 pub mod sample;
+pub mod texture;

@@ -1,0 +1,174 @@
+use std::ops::{BitAnd, BitOr, BitOrAssign, Not};
+
+use glam::{Vec2, Vec3};
+
+use super::Mode;
+use super::conductor::Mirror;
+use super::dielectric::{Dielectric, ThinReflection, ThinTransmission};
+use super::diffuse::Lambert;
+use super::plastic::{PlasticBase, PlasticCoat};
+use crate::color::Rgb;
+use crate::math::Frame;
+
+/// A set of lobe classes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LobeMask(pub u8);
+
+impl LobeMask {
+    pub const NONE: Self = Self(0);
+    /// Lambertian or nearly so.
+    pub const DIFFUSE: Self = Self(1);
+    /// Rough: photons may be stored here and the density estimate sees the lobe.
+    pub const GLOSSY: Self = Self(2);
+    /// Rough but narrow, roughness below [`SHARP_ALPHA`](super::SHARP_ALPHA): photon methods trace it like a mirror.
+    pub const SHARP: Self = Self(4);
+    /// Mirror reflection and refraction.
+    pub const DELTA: Self = Self(8);
+    /// Straight through.
+    pub const NULL: Self = Self(16);
+    /// Everything.
+    pub const ALL: Self = Self(31);
+    /// The lobes with a density: everything but delta and null.
+    pub const SMOOTH: Self = Self(7);
+
+    /// True when the sets have a class in common.
+    #[inline]
+    pub const fn intersects(self, o: Self) -> bool {
+        self.0 & o.0 != 0
+    }
+
+    #[inline]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+}
+
+impl BitOr for LobeMask {
+    type Output = Self;
+    #[inline]
+    fn bitor(self, o: Self) -> Self {
+        Self(self.0 | o.0)
+    }
+}
+impl BitAnd for LobeMask {
+    type Output = Self;
+    #[inline]
+    fn bitand(self, o: Self) -> Self {
+        Self(self.0 & o.0)
+    }
+}
+impl BitOrAssign for LobeMask {
+    #[inline]
+    fn bitor_assign(&mut self, o: Self) {
+        self.0 |= o.0;
+    }
+}
+impl Not for LobeMask {
+    type Output = Self;
+    #[inline]
+    fn not(self) -> Self {
+        Self(!self.0 & Self::ALL.0)
+    }
+}
+
+/// A direction that one lobe chose, in the lobe's frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LobeSample {
+    pub wi: Vec3,
+    /// `f·|cos| / pdf` of this lobe alone.
+    pub weight: Rgb,
+    /// Per steradian; for delta lobes the discrete probability of this choice.
+    pub pdf: f32,
+    /// Relative index crossed; 1 for reflection.
+    pub eta: f32,
+    pub transmit: bool,
+}
+
+impl LobeSample {
+    #[inline]
+    pub fn reflection(wi: Vec3, weight: Rgb, pdf: f32) -> Self {
+        Self { wi, weight, pdf, eta: 1.0, transmit: false }
+    }
+}
+
+/// One way to scatter, in its own frame, with its share of a blend.
+#[derive(Clone, Copy, Debug)]
+pub struct Lobe {
+    pub(super) frame: Frame,
+    pub(super) weight: f32,
+    pub(super) class: LobeMask,
+    pub(super) kind: Kind,
+}
+
+/// The closed set of lobes. Reflective ones live on the side of +z only.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Kind {
+    Lambert(Lambert),
+    Mirror(Mirror),
+    Dielectric(Dielectric),
+    ThinReflection(ThinReflection),
+    ThinTransmission(ThinTransmission),
+    PlasticCoat(PlasticCoat),
+    PlasticBase(PlasticBase),
+    Null,
+}
+
+impl Kind {
+    /// `f·|cos θi|` of local directions, with the factor for `mode`; 0 for delta lobes.
+    #[inline]
+    pub fn eval(&self, wo: Vec3, wi: Vec3, _mode: Mode) -> Rgb {
+        match self {
+            Self::Lambert(l) => l.eval(wo, wi),
+            Self::PlasticBase(l) => l.eval(wo, wi),
+            Self::Mirror(_)
+            | Self::Dielectric(_)
+            | Self::ThinReflection(_)
+            | Self::ThinTransmission(_)
+            | Self::PlasticCoat(_)
+            | Self::Null => Rgb::BLACK,
+        }
+    }
+
+    /// Density per steradian with which [`sample`](Self::sample) picks `wi`; 0 for delta lobes.
+    #[inline]
+    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+        match self {
+            Self::Lambert(_) | Self::PlasticBase(_) => Lambert::pdf(wo, wi),
+            Self::Mirror(_)
+            | Self::Dielectric(_)
+            | Self::ThinReflection(_)
+            | Self::ThinTransmission(_)
+            | Self::PlasticCoat(_)
+            | Self::Null => 0.0,
+        }
+    }
+
+    #[inline]
+    pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<LobeSample> {
+        match self {
+            Self::Lambert(l) => l.sample(wo, u),
+            Self::Mirror(l) => l.sample(wo),
+            Self::Dielectric(l) => l.sample(wo, u_lobe, mode),
+            Self::ThinReflection(l) => l.sample(wo),
+            Self::ThinTransmission(l) => l.sample(wo),
+            Self::PlasticCoat(l) => l.sample(wo),
+            Self::PlasticBase(l) => l.sample(wo, u),
+            Self::Null => Some(LobeSample { wi: -wo, weight: Rgb::WHITE, pdf: 1.0, eta: 1.0, transmit: true }),
+        }
+    }
+
+    /// Estimate of the directional albedo; it also decides how often the lobe is chosen.
+    #[inline]
+    pub fn albedo(&self, wo: Vec3) -> Rgb {
+        match self {
+            Self::Lambert(l) => l.albedo(wo),
+            Self::Mirror(l) => l.albedo(wo),
+            Self::Dielectric(l) => l.albedo(wo),
+            Self::ThinReflection(l) => l.albedo(wo),
+            Self::ThinTransmission(l) => l.albedo(wo),
+            Self::PlasticCoat(l) => l.albedo(wo),
+            Self::PlasticBase(l) => l.albedo(wo),
+            Self::Null => Rgb::WHITE,
+        }
+    }
+}

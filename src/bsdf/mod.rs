@@ -1,0 +1,32 @@
+//! How surfaces scatter light.
+//!
+//! A [`Material`] is what a scene file says; [`evaluate`] looks its textures up at one point and flattens nesting
+//! (two-sided, mask, blend, bump and normal maps) into a [`Bsdf`]: a few weighted lobes in world space, `Copy`, ready
+//! for `eval`, `sample` and `pdf`.
+//!
+//! All directions are unit vectors that point away from the surface. `wo` goes back to where the walk came from (the
+//! viewer, or the light for photons), `wi` is the other one. Densities are per steradian.
+
+mod conductor;
+mod dielectric;
+mod diffuse;
+mod evaluate;
+mod fresnel;
+mod ior;
+mod lobe;
+mod material;
+mod plastic;
+mod scatter;
+
+pub use evaluate::evaluate;
+pub use fresnel::{Fresnel, Ior, diffuse_reflectance, fresnel_conductor};
+pub use ior::{IOR_NAMES, ior_by_name};
+pub use lobe::{Lobe, LobeMask};
+pub use material::{Material, MaterialError, MaterialId, Plastic, check, may_have};
+pub use scatter::{Bsdf, BsdfSample, MAX_LOBES, Mode};
+
+/// Roughness below which a microfacet surface is smooth: its lobes are delta.
+pub const DELTA_ALPHA: f32 = 1e-4;
+
+/// Roughness below which a lobe is [`LobeMask::SHARP`]: narrower than the directions that photons store.
+pub const SHARP_ALPHA: f32 = 0.06;

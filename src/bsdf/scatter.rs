@@ -1,0 +1,300 @@
+use glam::{Vec2, Vec3};
+
+use super::diffuse::DiffuseBsdf;
+use super::lobe::{Kind, Lobe, LobeMask};
+use crate::color::Rgb;
+
+/// The most lobes that a flattened material may have; [`check`](super::check) refuses scenes with more.
+pub const MAX_LOBES: usize = 8;
+
+/// Which quantity a walk carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// The walk started at the camera and looks up radiance: refraction scales by `1/η²`.
+    Radiance,
+    /// The walk started at a light and carries power: no such scale, but Veach's factor for shading normals.
+    Importance,
+}
+
+/// A direction chosen by [`Bsdf::sample`].
+#[derive(Clone, Copy, Debug)]
+pub struct BsdfSample {
+    pub wi: Vec3,
+    /// `f·|cos θi| / pdf`, the probability of the lobe included.
+    pub weight: Rgb,
+    /// Density per steradian over all lobes of the mask; for delta and null lobes the discrete probability.
+    pub pdf: f32,
+    /// The one class that was sampled.
+    pub lobe: LobeMask,
+    /// Index of the medium of `wi` over that of `wo`; 1 for reflection.
+    pub eta: f32,
+    /// True when `wi` is on the other side of the surface.
+    pub transmit: bool,
+}
+
+/// A material at one point: everything looked up, sides decided for the `wo` of that point.
+#[derive(Clone, Copy, Debug)]
+#[allow(clippy::large_enum_variant)] // Copy without allocation; the small variants are written and read as such.
+pub enum Bsdf {
+    /// Absorbs everything: the back of a one-sided material.
+    Black,
+    /// Lambertian and nothing else.
+    Diffuse(DiffuseBsdf),
+    /// One lobe.
+    Single(Single),
+    /// Several.
+    Layers(Layers),
+}
+
+/// A single lobe with the geometric normal.
+#[derive(Clone, Copy, Debug)]
+pub struct Single {
+    pub(super) ng: Vec3,
+    pub(super) lobe: Lobe,
+}
+
+/// Several lobes with the geometric normal they share.
+#[derive(Clone, Copy, Debug)]
+pub struct Layers {
+    pub(super) ng: Vec3,
+    pub(super) len: u8,
+    pub(super) classes: LobeMask,
+    pub(super) lobes: [Lobe; MAX_LOBES],
+}
+
+impl Layers {
+    #[inline]
+    fn lobes(&self) -> &[Lobe] {
+        &self.lobes[..self.len as usize]
+    }
+}
+
+impl Bsdf {
+    /// The classes of all lobes.
+    #[inline]
+    pub fn lobes(&self) -> LobeMask {
+        match self {
+            Self::Black => LobeMask::NONE,
+            Self::Diffuse(_) => LobeMask::DIFFUSE,
+            Self::Single(s) => s.lobe.class,
+            Self::Layers(l) => l.classes,
+        }
+    }
+
+    /// `f(wo, wi)·|cos(wi, ns)|` per steradian of the lobes in `mask`, never of delta or null ones. Zero where geometric
+    /// and shading normal disagree about the side of a direction.
+    #[inline]
+    pub fn eval(&self, wo: Vec3, wi: Vec3, mode: Mode, mask: LobeMask) -> Rgb {
+        match self {
+            Self::Black => Rgb::BLACK,
+            Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.eval(wo, wi, mode),
+            Self::Diffuse(_) => Rgb::BLACK,
+            Self::Single(s) => s.lobe.eval(s.ng, wo, wi, mode, mask),
+            Self::Layers(l) => l.lobes().iter().map(|lobe| lobe.eval(l.ng, wo, wi, mode, mask)).sum(),
+        }
+    }
+
+    /// Density per steradian with which [`sample`](Self::sample) picks `wi` from `mask`.
+    #[inline]
+    pub fn pdf(&self, wo: Vec3, wi: Vec3, _mode: Mode, mask: LobeMask) -> f32 {
+        match self {
+            Self::Black => 0.0,
+            Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.pdf(wo, wi),
+            Self::Diffuse(_) => 0.0,
+            Self::Single(s) if mask.intersects(s.lobe.class) => s.lobe.pdf(s.ng, wo, wi),
+            Self::Single(_) => 0.0,
+            Self::Layers(l) => l.pdf(wo, wi, mask),
+        }
+    }
+
+    /// Picks a direction from the lobes of `mask`; `None` when there is nothing to pick or the direction leaks through
+    /// the geometry.
+    #[inline]
+    pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode, mask: LobeMask) -> Option<BsdfSample> {
+        match self {
+            Self::Black => None,
+            Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.sample(wo, u, mode),
+            Self::Diffuse(_) => None,
+            Self::Single(s) if mask.intersects(s.lobe.class) => s.lobe.sample(s.ng, wo, u_lobe, u, mode),
+            Self::Single(_) => None,
+            Self::Layers(l) => l.sample(wo, u_lobe, u, mode, mask),
+        }
+    }
+
+    /// Estimate of the share of power arriving from `wo` that the lobes of `mask` scatter; exact for diffuse and delta.
+    pub fn albedo(&self, wo: Vec3, mask: LobeMask) -> Rgb {
+        match self {
+            Self::Black => Rgb::BLACK,
+            Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.albedo(wo),
+            Self::Diffuse(_) => Rgb::BLACK,
+            Self::Single(s) => s.lobe.masked_albedo(wo, mask),
+            Self::Layers(l) => l.lobes().iter().map(|lobe| lobe.masked_albedo(wo, mask)).sum(),
+        }
+    }
+
+    /// What goes straight through the surface: the weight of the null lobes, for shadow rays that pass masks.
+    pub fn transmittance(&self, wo: Vec3) -> Rgb {
+        self.albedo(wo, LobeMask::NULL)
+    }
+}
+
+/// A pair of directions in a lobe's frame, with their cosines to the geometric normal.
+struct Local {
+    wo: Vec3,
+    wi: Vec3,
+    wo_ng: f32,
+    wi_ng: f32,
+}
+
+impl Local {
+    /// True when both normals put each direction on the same side.
+    #[inline]
+    fn sides_agree(&self) -> bool {
+        self.wo.z * self.wo_ng > 0.0 && self.wi.z * self.wi_ng > 0.0
+    }
+
+    /// Veach's factor for walks that start at a light [Veach 1997, eq. 5.19], 1 otherwise.
+    #[inline]
+    fn adjoint(&self, mode: Mode) -> f32 {
+        match mode {
+            Mode::Radiance => 1.0,
+            Mode::Importance => (self.wo.z * self.wi_ng / (self.wo_ng * self.wi.z)).abs(),
+        }
+    }
+}
+
+impl Lobe {
+    /// The geometric normal on the side that this lobe's shading normal is on.
+    #[inline]
+    fn oriented(&self, ng: Vec3) -> Vec3 {
+        if self.frame.n.dot(ng) < 0.0 { -ng } else { ng }
+    }
+
+    #[inline]
+    fn local(&self, ng: Vec3, wo: Vec3, wi: Vec3) -> Local {
+        let ng = self.oriented(ng);
+        Local { wo: self.frame.to_local(wo), wi: self.frame.to_local(wi), wo_ng: ng.dot(wo), wi_ng: ng.dot(wi) }
+    }
+
+    #[inline]
+    fn eval(&self, ng: Vec3, wo: Vec3, wi: Vec3, mode: Mode, mask: LobeMask) -> Rgb {
+        if !mask.intersects(self.class & LobeMask::SMOOTH) {
+            return Rgb::BLACK;
+        }
+        let l = self.local(ng, wo, wi);
+        if l.sides_agree() { self.kind.eval(l.wo, l.wi, mode) * (self.weight * l.adjoint(mode)) } else { Rgb::BLACK }
+    }
+
+    #[inline]
+    fn pdf(&self, ng: Vec3, wo: Vec3, wi: Vec3) -> f32 {
+        if !self.class.intersects(LobeMask::SMOOTH) {
+            return 0.0;
+        }
+        let l = self.local(ng, wo, wi);
+        if l.sides_agree() { self.kind.pdf(l.wo, l.wi) } else { 0.0 }
+    }
+
+    #[inline]
+    fn sample(&self, ng: Vec3, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<BsdfSample> {
+        // Straight on means exactly straight on, whatever the frame rounds to.
+        if self.class == LobeMask::NULL {
+            let weight = self.masked_albedo(wo, LobeMask::NULL);
+            return Some(BsdfSample { wi: -wo, weight, pdf: 1.0, lobe: LobeMask::NULL, eta: 1.0, transmit: true });
+        }
+        let s = self.kind.sample(self.frame.to_local(wo), u_lobe, u, mode)?;
+        let wi = self.frame.to_world(s.wi).normalize();
+        let l = self.local(ng, wo, wi);
+        l.sides_agree().then(|| BsdfSample {
+            wi,
+            weight: s.weight * (self.weight * l.adjoint(mode)),
+            pdf: s.pdf,
+            lobe: self.class,
+            eta: s.eta,
+            transmit: s.transmit,
+        })
+    }
+
+    #[inline]
+    fn masked_albedo(&self, wo: Vec3, mask: LobeMask) -> Rgb {
+        if mask.intersects(self.class) { self.kind.albedo(self.frame.to_local(wo)) * self.weight } else { Rgb::BLACK }
+    }
+}
+
+impl Layers {
+    /// How often each lobe is chosen, in proportion to its estimated albedo; unnormalised, with the sum.
+    #[inline]
+    fn shares(&self, wo: Vec3, mask: LobeMask) -> ([f32; MAX_LOBES], f32) {
+        let mut shares = [0.0; MAX_LOBES];
+        let mut total = 0.0;
+        for (share, lobe) in shares.iter_mut().zip(self.lobes()) {
+            // The mean of the channels, so that a saturated lobe is not over-sampled.
+            *share = lobe.masked_albedo(wo, mask).mean();
+            total += *share;
+        }
+        (shares, total)
+    }
+
+    fn pdf(&self, wo: Vec3, wi: Vec3, mask: LobeMask) -> f32 {
+        let (shares, total) = self.shares(wo, mask);
+        if total <= 0.0 {
+            return 0.0;
+        }
+        let sum: f32 =
+            self.lobes().iter().zip(shares).filter(|(_, s)| *s > 0.0).map(|(l, s)| s * l.pdf(self.ng, wo, wi)).sum();
+        sum / total
+    }
+
+    fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode, mask: LobeMask) -> Option<BsdfSample> {
+        // Choose a lobe and stretch what is left of the number to [0, 1).
+        let (shares, total) = self.shares(wo, mask);
+        let mut x = u_lobe * total;
+        let last = shares.iter().rposition(|&s| s > 0.0)?;
+        let chosen = (0..last).find(|&i| {
+            let here = x < shares[i];
+            x -= if here { 0.0 } else { shares[i] };
+            here
+        });
+        let chosen = chosen.unwrap_or(last);
+        let p = shares[chosen] / total;
+        let u_rest = (x / shares[chosen]).clamp(0.0, 1.0 - f32::EPSILON / 2.0);
+
+        // Sample it; a discrete choice stands for itself.
+        let lobe = &self.lobes[chosen];
+        let mut s = lobe.sample(self.ng, wo, u_rest, u, mode)?;
+        if !lobe.class.intersects(LobeMask::SMOOTH) {
+            return Some(BsdfSample { weight: s.weight / p, pdf: s.pdf * p, ..s });
+        }
+
+        // Any lobe could have picked this direction: sum over all of them.
+        let (mut f, mut pdf) = (Rgb::BLACK, 0.0);
+        for (l, share) in self.lobes().iter().zip(shares) {
+            f += l.eval(self.ng, wo, s.wi, mode, mask);
+            if share > 0.0 {
+                pdf += share * l.pdf(self.ng, wo, s.wi);
+            }
+        }
+        s.pdf = pdf / total;
+        s.weight = f / s.pdf;
+        (s.pdf > 0.0).then_some(s)
+    }
+}
+
+/// Makes a [`Bsdf`] of lobes that `evaluate` collects.
+pub(super) fn from_lobes(ng: Vec3, lobes: &[Lobe]) -> Bsdf {
+    match lobes {
+        [] => Bsdf::Black,
+        [Lobe { kind: Kind::Lambert(l), weight, frame, .. }] => {
+            let ng = if frame.n.dot(ng) < 0.0 { -ng } else { ng };
+            Bsdf::Diffuse(DiffuseBsdf { ns: frame.n, ng, reflectance: l.reflectance * *weight })
+        }
+        [lobe] => Bsdf::Single(Single { ng, lobe: *lobe }),
+        [first, ..] => {
+            let mut layers = Layers { ng, len: lobes.len() as u8, classes: LobeMask::NONE, lobes: [*first; MAX_LOBES] };
+            layers.lobes[..lobes.len()].copy_from_slice(lobes);
+            for lobe in lobes {
+                layers.classes |= lobe.class;
+            }
+            Bsdf::Layers(layers)
+        }
+    }
+}
