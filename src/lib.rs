@@ -10,3 +10,4 @@ pub mod image;
 pub mod math;
 pub mod sample;
 pub mod texture;
+pub mod scene;
