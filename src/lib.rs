@@ -9,5 +9,6 @@ pub mod geometry;
 pub mod image;
 pub mod math;
 pub mod sample;
+pub mod tally;
 pub mod texture;
 pub mod scene;

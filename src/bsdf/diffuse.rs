@@ -88,6 +88,12 @@ impl DiffuseBsdf {
         })
     }
 
+    /// The albedo where shading and geometric normal are one.
+    #[inline]
+    pub(super) fn flat_albedo(&self) -> Option<Rgb> {
+        (self.ns == self.ng).then_some(self.reflectance)
+    }
+
     #[inline]
     pub(super) fn albedo(&self, wo: Vec3) -> Rgb {
         if self.ns.dot(wo) > 0.0 && self.ng.dot(wo) > 0.0 { self.reflectance } else { Rgb::BLACK }

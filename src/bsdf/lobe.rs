@@ -30,6 +30,10 @@ impl LobeMask {
     pub const ALL: Self = Self(31);
     /// The lobes with a density: everything but delta and null.
     pub const SMOOTH: Self = Self(7);
+    /// The lobes that photon methods store photons for and estimate from them.
+    pub const SMOOTH_WIDE: Self = Self(3);
+    /// The lobes that photon methods follow ray by ray.
+    pub const SPECULAR: Self = Self(28);
 
     /// True when the sets have a class in common.
     #[inline]
@@ -155,6 +159,12 @@ impl Kind {
             Self::PlasticBase(l) => l.sample(wo, u),
             Self::Null => Some(LobeSample { wi: -wo, weight: Rgb::WHITE, pdf: 1.0, eta: 1.0, transmit: true }),
         }
+    }
+
+    /// True when the lobe can send light to the other side of the surface.
+    #[inline]
+    pub fn transmits(&self) -> bool {
+        matches!(self, Self::Dielectric(_) | Self::ThinTransmission(_) | Self::Null)
     }
 
     /// Estimate of the directional albedo; it also decides how often the lobe is chosen.

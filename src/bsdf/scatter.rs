@@ -132,6 +132,25 @@ impl Bsdf {
         }
     }
 
+    /// The albedo, if the lobes of `mask` are exactly Lambertian about the geometric normal.
+    #[inline]
+    pub fn lambertian(&self, mask: LobeMask) -> Option<Rgb> {
+        match self {
+            Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.flat_albedo(),
+            _ => None,
+        }
+    }
+
+    /// True when a lobe of `mask` can send light to the other side of the surface.
+    #[inline]
+    pub fn transmits(&self, mask: LobeMask) -> bool {
+        match self {
+            Self::Black | Self::Diffuse(_) => false,
+            Self::Single(s) => mask.intersects(s.lobe.class) && s.lobe.kind.transmits(),
+            Self::Layers(l) => l.lobes().iter().any(|lobe| mask.intersects(lobe.class) && lobe.kind.transmits()),
+        }
+    }
+
     /// What goes straight through the surface: the weight of the null lobes, for shadow rays that pass masks.
     pub fn transmittance(&self, wo: Vec3) -> Rgb {
         self.albedo(wo, LobeMask::NULL)
