@@ -1,0 +1,28 @@
+//! Photon maps: storing photons in twenty bytes and finding them again. Nothing here knows what a scene is.
+//!
+//! A [`PhotonRecord`] is packed into a [`Photon`]; [`PhotonMap::build`] balances photons into a left-balanced heap
+//! [Jensen 2001, chapter 6]; [`PhotonMap::nearest`] and [`PhotonMap::within`] ask it; [`Kernel`] weighs what they find.
+//!
+//! The records live as separate streams in heap order, twenty bytes in all. Because the subtree under heap slot `i` is a
+//! handful of contiguous runs (`i`, `2i..2i+2`, `4i..4i+4`, …), a query walks only the upper planes and scans the bottom
+//! subtrees of up to 63 photons with vector instructions.
+
+mod build;
+pub mod direction;
+mod found;
+mod heap;
+mod kernel;
+mod map;
+mod order;
+mod packed;
+mod query;
+mod simd;
+pub mod stackfree;
+#[cfg(test)]
+mod tests;
+
+pub use kernel::{GAUSSIAN_ALPHA, GAUSSIAN_BETA, Kernel, hull_area};
+pub use map::PhotonMap;
+pub use order::{morton_code, morton_order};
+pub use packed::{Flags, MAX_COORDINATE, Photon, PhotonClass, PhotonRecord, Rejected};
+pub use query::{KnnScratch, Neighbours};
