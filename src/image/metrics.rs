@@ -160,10 +160,8 @@ pub(super) fn check(x: &Image, r: &Image) -> Result<(), MetricError> {
 }
 
 fn check_finite(image: &Image, reference: bool) -> Result<(), MetricError> {
-    let bad = |p: &Rgb| !p.is_finite();
-    let Some(first) = image.pixels().iter().position(bad) else { return Ok(()) };
-    let count = image.pixels().iter().filter(|p| bad(p)).count();
-    let (x, y) = (first as u32 % image.width(), first as u32 / image.width());
+    let Some((x, y)) = image.first_non_finite() else { return Ok(()) };
+    let count = image.pixels().iter().filter(|p| !p.is_finite()).count();
     Err(MetricError::NotFinite { reference, count, x, y })
 }
 

@@ -92,6 +92,12 @@ impl Image {
         &mut self.pixels
     }
 
+    /// Column and row of the first colour with a NaN or an infinity.
+    pub fn first_non_finite(&self) -> Option<(u32, u32)> {
+        let index = self.pixels.iter().position(|p| !p.is_finite())? as u32;
+        Some((index % self.width, index / self.width))
+    }
+
     /// The extra channels in the order in which they were added.
     pub fn channels(&self) -> &[Channel] {
         &self.extra
