@@ -3,7 +3,11 @@
 //! All back ends answer the same question the same way: the nearest hit with `0 < t < tmax`, ids as in
 //! [`Hit`], no culling of back faces, watertight along shared edges. Only this room knows whether Embree is there.
 
+mod bvh;
+
 use std::sync::Arc;
+
+pub use bvh::Bvh;
 
 use crate::geometry::{GeometrySet, Hit, Ray};
 
@@ -26,30 +30,38 @@ pub enum AccelError {
     NotBuiltIn,
     #[error("Embree: {0}")]
     Embree(String),
+    #[error("the scene has more primitives than the Rust BVH can number (2^29); place copies as instances")]
+    TooLarge,
 }
 
 /// A built acceleration structure; immutable, shared by all threads.
-pub enum Accel {}
+pub enum Accel {
+    Bvh(Bvh),
+}
 
 impl Accel {
     /// Builds the back end `kind` over `set`.
     pub fn build(kind: AccelKind, set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
-        let _ = (kind, set);
-        Err(AccelError::NotBuiltIn)
+        match kind {
+            AccelKind::Embree => Err(AccelError::NotBuiltIn),
+            AccelKind::Auto | AccelKind::Bvh => Bvh::build(set).map(Accel::Bvh).ok_or(AccelError::TooLarge),
+        }
     }
 
     /// The nearest hit along `ray`.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        let _ = ray;
-        match *self {}
+        match self {
+            Accel::Bvh(a) => a.intersect(ray),
+        }
     }
 
     /// True when anything lies on `ray`.
     #[inline]
     pub fn occluded(&self, ray: &Ray) -> bool {
-        let _ = ray;
-        match *self {}
+        match self {
+            Accel::Bvh(a) => a.occluded(ray),
+        }
     }
 
     /// Replaces `hits` by the nearest hit of each ray, in order.
@@ -60,16 +72,22 @@ impl Accel {
 
     /// Bytes held by the acceleration structure, without the geometry itself.
     pub fn memory(&self) -> usize {
-        match *self {}
+        match self {
+            Accel::Bvh(a) => a.memory(),
+        }
     }
 
     /// `embree` or `bvh`.
     pub fn name(&self) -> &'static str {
-        match *self {}
+        match self {
+            Accel::Bvh(_) => "bvh",
+        }
     }
 
     /// Name, version and instruction set for people, for example `Embree 3.13.5, AVX-512`.
     pub fn description(&self) -> String {
-        match *self {}
+        match self {
+            Accel::Bvh(a) => a.description(),
+        }
     }
 }

@@ -1,0 +1,119 @@
+//! Numbers everything a tree holds with one 32-bit id, and finds what an id stands for.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::binned::PrimRef;
+use crate::geometry::{GeometrySet, Shape, TriangleMesh};
+use crate::math::Bounds3;
+
+pub(super) const KIND_TRIANGLE: u32 = 0;
+pub(super) const KIND_QUADRIC: u32 = 1;
+pub(super) const KIND_INSTANCE: u32 = 2;
+
+/// A run of ids: the triangles of a mesh, one analytic shape, or one instance.
+#[derive(Clone, Debug)]
+pub(super) struct Part {
+    first: u32,
+    /// Index of the shape or of the instance.
+    pub index: u32,
+    mesh: Option<Arc<TriangleMesh>>,
+}
+
+/// All runs, by increasing first id; ids increase with (shape, primitive), instances come last.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Parts {
+    parts: Vec<Part>,
+    len: usize,
+}
+
+impl Parts {
+    /// Numbers the shapes of one group and, at the top, the instances.
+    pub fn new(set: &GeometrySet, shapes: &[u32], instances: usize) -> Self {
+        let mut shapes = shapes.to_vec();
+        shapes.sort_unstable();
+        let mut p = Self::default();
+        for index in shapes {
+            let shape = &set.shapes[index as usize];
+            let mesh = if let Shape::Mesh(m) = shape { Some(m.clone()) } else { None };
+            p.parts.push(Part { first: p.len as u32, index, mesh });
+            p.len += shape.primitives();
+        }
+        for index in 0..instances as u32 {
+            p.parts.push(Part { first: p.len as u32, index, mesh: None });
+            p.len += 1;
+        }
+        p
+    }
+
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// The part that an id belongs to, and the number within it.
+    #[inline]
+    pub fn find(&self, id: u32) -> (&Part, u32) {
+        // Empty meshes share their first id with the next part; the last one with it is the owner.
+        let part = match &self.parts[..] {
+            [only] => only,
+            parts => &parts[parts.partition_point(|p| p.first <= id) - 1],
+        };
+        (part, id - part.first)
+    }
+
+    /// The corners of a triangle.
+    #[inline]
+    pub fn triangle(&self, id: u32) -> [Vec3; 3] {
+        let (part, prim) = self.find(id);
+        part.mesh.as_ref().expect("triangle leaves hold ids of meshes").triangle(prim)
+    }
+
+    pub fn memory(&self) -> usize {
+        size_of_val(&self.parts[..])
+    }
+
+    /// A box for every id. Boxes that are not finite are left out: nothing in them can be hit.
+    pub fn refs(&self, set: &GeometrySet, instance_bounds: &[Bounds3]) -> Vec<PrimRef> {
+        let shapes = self.parts.len() - instance_bounds.len();
+        let mut refs = vec![PrimRef::default(); self.len];
+        let mut rest = &mut refs[..];
+        let mut all_finite = true;
+        for (i, part) in self.parts.iter().enumerate() {
+            let n = self.parts.get(i + 1).map_or(self.len, |p| p.first as usize) - part.first as usize;
+            let (mine, tail) = rest.split_at_mut(n);
+            rest = tail;
+            if let Some(mesh) = &part.mesh {
+                let make = |(prim, r): (usize, &mut PrimRef)| {
+                    let [a, b, c] = mesh.triangle(prim as u32);
+                    // The minimum may hide a NaN, so ask the corners.
+                    let good = a.is_finite() && b.is_finite() && c.is_finite();
+                    let bounds = if good { Bounds3::new(a.min(b).min(c), a.max(b).max(c)) } else { Bounds3::EMPTY };
+                    *r = PrimRef::new(bounds, part.first + prim as u32, KIND_TRIANGLE);
+                    good
+                };
+                all_finite &= mine
+                    .par_iter_mut()
+                    .with_min_len(4096)
+                    .enumerate()
+                    .map(|(i, r)| make((i, r)))
+                    .reduce(|| true, |a, b| a & b);
+            } else {
+                let (bounds, kind) = match i.checked_sub(shapes) {
+                    Some(instance) => (instance_bounds[instance], KIND_INSTANCE),
+                    None => (set.shape_bounds(part.index), KIND_QUADRIC),
+                };
+                mine[0] = PrimRef::new(bounds, part.first, kind);
+                all_finite &= bounds.min.is_finite() && bounds.max.is_finite();
+            }
+        }
+        if !all_finite {
+            refs.retain(|r| {
+                let b = r.bounds();
+                b.min.is_finite() && b.max.is_finite()
+            });
+        }
+        refs
+    }
+}

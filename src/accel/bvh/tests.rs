@@ -1,0 +1,281 @@
+//! The tree against brute force, at edges, with undefined rays, and its invariants.
+
+use glam::{DMat4, DVec3};
+
+use super::*;
+use crate::geometry::{
+    Cylinder, Disk, Instance, NO_INSTANCE, Shape, ShearedRay, Sphere, TriangleMesh, intersect_triangle,
+};
+use crate::math::{Transform, Vec3};
+use crate::sample::mix64;
+
+pub(super) struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        Self(seed << 32)
+    }
+
+    pub fn unit(&mut self) -> f32 {
+        self.0 += 1;
+        (mix64(self.0) >> 40) as f32 / (1u64 << 24) as f32
+    }
+
+    pub fn vec3(&mut self) -> Vec3 {
+        Vec3::new(self.unit(), self.unit(), self.unit()) * 2.0 - 1.0
+    }
+
+    pub fn direction(&mut self) -> Vec3 {
+        loop {
+            let v = self.vec3();
+            if (0.01..1.0).contains(&v.length_squared()) {
+                return v.normalize();
+            }
+        }
+    }
+}
+
+pub(super) fn soup(rng: &mut Random, n: usize, size: f32) -> TriangleMesh {
+    let mut points = Vec::new();
+    for _ in 0..n {
+        let c = rng.vec3();
+        points.extend([c + size * rng.vec3(), c + size * rng.vec3(), c + size * rng.vec3()]);
+    }
+    let indices = (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    TriangleMesh { positions: points.into(), indices, ..Default::default() }
+}
+
+/// A closed sphere of `2 · n · (n − 1)` triangles with shared vertices.
+fn ball(n: u32) -> TriangleMesh {
+    let at = |i: u32, j: u32| {
+        let (theta, phi) =
+            (std::f32::consts::PI * i as f32 / n as f32, std::f32::consts::TAU * (j % n) as f32 / n as f32);
+        Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
+    };
+    let mut points = vec![Vec3::Z, -Vec3::Z];
+    points.extend((1..n).flat_map(|i| (0..n).map(move |j| at(i, j))));
+    let v = |i: u32, j: u32| {
+        if i == 0 {
+            0
+        } else if i == n {
+            1
+        } else {
+            2 + (i - 1) * n + j % n
+        }
+    };
+    let mut indices = Vec::new();
+    for i in 0..n {
+        for j in 0..n {
+            if i > 0 {
+                indices.push([v(i, j), v(i + 1, j), v(i, j + 1)]);
+            }
+            if i < n - 1 {
+                indices.push([v(i, j + 1), v(i + 1, j), v(i + 1, j + 1)]);
+            }
+        }
+    }
+    TriangleMesh { positions: points.into(), indices, ..Default::default() }
+}
+
+pub(super) fn mesh_set(mesh: TriangleMesh) -> Arc<GeometrySet> {
+    Arc::new(GeometrySet { shapes: vec![Shape::Mesh(Arc::new(mesh))], top: vec![0], ..Default::default() })
+}
+
+/// Everything at once: two meshes, three quadrics, a group of a mesh and a sphere placed several times.
+pub(super) fn mixed_set(rng: &mut Random) -> Arc<GeometrySet> {
+    let place = |rng: &mut Random, scale: f64| {
+        let m = DMat4::from_translation(rng.vec3().as_dvec3())
+            * DMat4::from_axis_angle(rng.direction().as_dvec3(), 2.0)
+            * DMat4::from_scale(DVec3::splat(scale));
+        Transform::new(m).expect("invertible")
+    };
+    let sphere = |to_world: Transform, radius| {
+        Shape::Sphere(Sphere { center: to_world.point(Vec3::ZERO), radius, flip_normals: false, to_world })
+    };
+    let mut shapes = vec![Shape::Mesh(Arc::new(soup(rng, 300, 0.1))), Shape::Mesh(Arc::new(soup(rng, 40, 0.3)))];
+    let to_world = place(rng, 0.3);
+    shapes.push(sphere(to_world, 0.3));
+    shapes.push(Shape::Disk(Disk { to_world: place(rng, 0.5), flip_normals: false }));
+    shapes.push(Shape::Cylinder(Cylinder { to_world: place(rng, 0.2), radius: 0.2, length: 0.2, flip_normals: false }));
+    shapes.push(Shape::Mesh(Arc::new(TriangleMesh::default())));
+    let to_world = place(rng, 0.5);
+    shapes.push(sphere(to_world, 0.5));
+    let instances = (0..20).map(|i| Instance { group: i % 2, to_world: place(rng, 0.2) }).collect();
+    Arc::new(GeometrySet { shapes, top: vec![4, 0, 2, 3, 5], groups: vec![vec![1, 6], vec![0]], instances })
+}
+
+/// Tries every primitive, in the order in which ties are broken.
+pub(super) fn brute_force(set: &GeometrySet, ray: &Ray) -> Option<Hit> {
+    let mut best: Option<Hit> = None;
+    let mut group = |shapes: &[u32], ray: &Ray, instance: u32| {
+        let mut shapes = shapes.to_vec();
+        shapes.sort_unstable();
+        let mut offer = |t: f32, u: f32, v: f32, shape: u32, prim: u32| {
+            if best.is_none_or(|b| t < b.t) {
+                best = Some(Hit { t, u, v, shape, prim, instance });
+            }
+        };
+        for s in shapes {
+            let t = match &set.shapes[s as usize] {
+                Shape::Mesh(m) => {
+                    let Some(sheared) = ShearedRay::new(ray) else { continue };
+                    for prim in 0..m.indices.len() as u32 {
+                        if let Some((t, u, v)) = intersect_triangle(ray, &sheared, m.triangle(prim)) {
+                            offer(t, u, v, s, prim);
+                        }
+                    }
+                    continue;
+                }
+                Shape::Sphere(q) => q.intersect(ray),
+                Shape::Disk(q) => q.intersect(ray),
+                Shape::Cylinder(q) => q.intersect(ray),
+            };
+            if let Some(t) = t {
+                offer(t, 0.0, 0.0, s, 0);
+            }
+        }
+    };
+    group(&set.top, ray, NO_INSTANCE);
+    for (i, instance) in set.instances.iter().enumerate() {
+        group(&set.groups[instance.group as usize], &instance.local_ray(ray), i as u32);
+    }
+    best
+}
+
+fn agree(set: &Arc<GeometrySet>, rng: &mut Random, rays: usize) -> usize {
+    let bvh = Bvh::build(set.clone()).expect("small");
+    bvh.validate().expect("valid");
+    let mut hits = 0;
+    for i in 0..rays {
+        let o = 1.5 * rng.vec3();
+        let mut d = rng.direction();
+        if i % 3 == 0 {
+            d[i % 7 % 3] = 0.0;
+        }
+        let tmax = if i % 5 == 0 { 2.0 * rng.unit() } else { f32::INFINITY };
+        let ray = Ray::segment(o, d * 10f32.powf(4.0 * rng.unit() - 2.0), tmax);
+        let expected = brute_force(set, &ray);
+        assert_eq!(bvh.intersect(&ray), expected, "{ray:?}");
+        assert_eq!(bvh.occluded(&ray), expected.is_some(), "{ray:?}");
+        hits += usize::from(expected.is_some());
+    }
+    hits
+}
+
+#[test]
+fn hits_equal_brute_force() {
+    let mut rng = Random::new(1);
+    for n in [0, 1, 2, 3, 4, 5, 8, 9, 33, 100, 1000] {
+        let set = mesh_set(soup(&mut rng, n, 0.3));
+        let hits = agree(&set, &mut rng, 2000);
+        assert!(hits > 100 || n < 100, "{hits}");
+    }
+    let set = mixed_set(&mut rng);
+    assert!(agree(&set, &mut rng, 20_000) > 2_000);
+}
+
+#[test]
+fn degenerate_meshes_build_and_are_searched() {
+    let mut rng = Random::new(2);
+    let tri = [Vec3::ZERO, Vec3::X, Vec3::Y];
+    // A thousand copies of one triangle: the first one wins.
+    let copies = TriangleMesh { positions: tri.to_vec().into(), indices: vec![[0, 1, 2]; 1000], ..Default::default() };
+    let set = mesh_set(copies);
+    agree(&set, &mut rng, 500);
+    let bvh = Bvh::build(set).expect("small");
+    let hit = bvh.intersect(&Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z)).expect("hit");
+    assert_eq!((hit.prim, hit.t), (0, 1.0));
+    // Points, lines, a flat grid, and magnitudes whose areas overflow.
+    for scale in [1e-30, 1.0, 1e30] {
+        let mut m = soup(&mut rng, 200, 0.2);
+        let flat: Vec<Vec3> = m.positions.as_slice().iter().map(|p| Vec3::new(p.x, p.y, 0.0) * scale).collect();
+        m.positions = flat.into();
+        m.indices.extend([[0, 0, 0], [1, 1, 2]].repeat(20));
+        // Rays near the origin cannot be placed against coordinates of 10³⁰: there, only build and validate.
+        agree(&mesh_set(m), &mut rng, if scale > 1.0 { 0 } else { 200 });
+    }
+    // Vertices that are not finite are never hit and do no harm.
+    let mut m = soup(&mut rng, 50, 0.3);
+    let mut points = m.positions.as_slice().to_vec();
+    points[0].x = f32::NAN;
+    points[4].y = f32::INFINITY;
+    m.positions = points.into();
+    agree(&mesh_set(m), &mut rng, 1000);
+}
+
+#[test]
+fn undefined_rays_hit_nothing() {
+    let mut rng = Random::new(3);
+    let set = mixed_set(&mut rng);
+    let bvh = Bvh::build(set).expect("small");
+    let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+    let hits = |ray: Ray| bvh.intersect(&ray).is_some() || bvh.occluded(&ray);
+    for x in bad {
+        for axis in 0..3 {
+            let mut v = Vec3::new(0.1, 0.2, -0.3);
+            v[axis] = x;
+            assert!(!hits(Ray::new(v, Vec3::Z)) && !hits(Ray::new(Vec3::ZERO, v)));
+        }
+    }
+    for i in 0..1000 {
+        let o = rng.vec3();
+        let d = rng.direction();
+        assert!(!hits(Ray::new(o, Vec3::ZERO)) && !hits(Ray::new(o, d * 1e-42)));
+        let tmax = [0.0, -1.0, -f32::INFINITY, f32::NAN][i % 4];
+        assert!(!hits(Ray::segment(o, d, tmax)));
+    }
+}
+
+#[test]
+fn a_closed_mesh_does_not_leak() {
+    let mut rng = Random::new(4);
+    let mesh = ball(60);
+    let points = mesh.positions.as_slice().to_vec();
+    let indices = mesh.indices.clone();
+    let bvh = Bvh::build(mesh_set(mesh)).expect("small");
+    for i in 0..200_000 {
+        // From inside, at vertices, at points of edges, and anywhere.
+        let tri = indices[(rng.unit() * indices.len() as f32) as usize].map(|k| points[k as usize]);
+        let target = match i % 3 {
+            0 => tri[i % 5 % 3],
+            1 => tri[0].lerp(tri[1], rng.unit()),
+            _ => rng.direction(),
+        };
+        let o = 0.7 * rng.vec3() / 3f32.sqrt();
+        let ray = Ray::new(o, target - o);
+        assert!(bvh.intersect(&ray).is_some() && bvh.occluded(&ray), "{ray:?}");
+    }
+}
+
+#[test]
+fn the_tree_does_not_depend_on_the_number_of_threads() {
+    let mut rng = Random::new(5);
+    let set = mesh_set(soup(&mut rng, 300_000, 0.01));
+    let build = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| Bvh::build(set.clone()).expect("small"))
+    };
+    let one = build(1);
+    for threads in [2, 3] {
+        let many = build(threads);
+        assert_eq!(one.top.root, many.top.root);
+        assert!(one.top.nodes.iter().zip(&many.top.nodes).all(|(a, b)| a.child == b.child && a.bounds == b.bounds));
+        assert!(one.top.blocks.iter().zip(&many.top.blocks).all(|(a, b)| a.id == b.id));
+        assert_eq!((one.top.nodes.len(), one.top.blocks.len()), (many.top.nodes.len(), many.top.blocks.len()));
+    }
+}
+
+#[test]
+fn validation_finds_damage() {
+    let mut rng = Random::new(6);
+    let fresh = || Bvh::build(mesh_set(soup(&mut Random::new(6), 500, 0.1))).expect("small");
+    let mut bvh = fresh();
+    bvh.top.nodes[0].bounds[3][0] -= 0.5;
+    assert!(bvh.validate().is_err());
+    let mut bvh = fresh();
+    bvh.top.blocks[0].id[0] = bvh.top.blocks[1].id[0];
+    assert!(bvh.validate().is_err());
+    let mut bvh = fresh();
+    bvh.top.blocks[3].v[0][0][0] += 0.1 + rng.unit();
+    assert!(bvh.validate().is_err());
+}
