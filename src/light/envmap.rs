@@ -1,0 +1,210 @@
+use std::f64::consts::PI;
+
+use glam::{DVec3, Mat3, Vec2, Vec3};
+
+use super::distant::{arrive_from_infinity, emit_from_infinity};
+use super::{LightContext, LightLe, LightLi, axes};
+use crate::color::Rgb;
+use crate::math::{Transform, one_minus_cos, safe_sqrt};
+use crate::sample::{Cdf, warp};
+
+/// Radiance from infinity given by a latitude-longitude image.
+///
+/// Mitsuba's layout: +y is up; the first row of pixels lies on the upper pole and the last on the lower one; columns
+/// are centred at `(i + ½)/width` turns of `atan2(x, −z)`. Pixels are interpolated bilinearly.
+///
+/// The density is constant per solid angle within each cell between four pixels and proportional to the exact integral
+/// of the interpolated luminance over it. Cells that the 24-bit distribution cannot resolve beside a sun are reached by
+/// a small uniform share.
+#[derive(Clone, Debug)]
+pub struct EnvMap {
+    width: usize,
+    height: usize,
+    pixels: Vec<Rgb>,
+    axes: Mat3,
+    /// Rows of cells, each a distribution over its `width` cells.
+    rows: Vec<Cdf>,
+    marginal: Cdf,
+    /// Height of each row line above the upper pole, `1 − cos θ`, and over the lower one, `1 + cos θ`.
+    from_top: Vec<f32>,
+    from_bottom: Vec<f32>,
+    /// Solid angle of a cell in each row.
+    cell_angle: Vec<f32>,
+    uniform_share: f32,
+    /// ∫ L dω, W·m⁻².
+    integral: Rgb,
+}
+
+/// Where a direction falls: the cell, and the position inside it.
+struct Cell {
+    col: usize,
+    row: usize,
+    f: Vec2,
+}
+
+impl EnvMap {
+    /// `pixels` in rows from the top (W·m⁻²·sr⁻¹), multiplied by `scale`; `to_world` rotates the map.
+    pub fn new(width: usize, height: usize, mut pixels: Vec<Rgb>, scale: f32, to_world: &Transform) -> Self {
+        assert!(width > 0 && height > 0 && pixels.len() == width * height, "pixels must fill the image");
+        for p in &mut pixels {
+            *p = *p * scale;
+        }
+        // Let a single row cover the sphere.
+        let height = if height == 1 {
+            pixels.extend_from_within(..);
+            2
+        } else {
+            height
+        };
+        let theta = |y: usize| PI * y as f64 / (height - 1) as f64;
+        let from_top: Vec<f32> = (0..height).map(|y| one_minus_cos(theta(y)) as f32).collect();
+        let from_bottom: Vec<f32> = (0..height).map(|y| one_minus_cos(theta(height - 1 - y)) as f32).collect();
+        let mut map = Self {
+            width,
+            height,
+            pixels,
+            axes: axes(to_world),
+            rows: Vec::new(),
+            marginal: Cdf::default(),
+            from_top,
+            from_bottom,
+            cell_angle: Vec::new(),
+            uniform_share: 0.0,
+            integral: Rgb::BLACK,
+        };
+        map.build();
+        map
+    }
+
+    /// Integrates every cell and makes the distribution.
+    fn build(&mut self) {
+        let (w, cells) = (self.width, self.height - 1);
+        let d_phi = 2.0 * PI / w as f64;
+        let (mut total, mut weights) = (DVec3::ZERO, vec![0.0f64; w]);
+        for row in 0..cells {
+            let [upper, lower] = row_weights(row, cells);
+            self.cell_angle.push((d_phi * (upper + lower)) as f32);
+            for (col, weight) in weights.iter_mut().enumerate() {
+                let next = (col + 1) % w;
+                let pair = |y: usize| to_f64(self.pixels[y * w + col]) + to_f64(self.pixels[y * w + next]);
+                let integral = 0.5 * d_phi * (upper * pair(row) + lower * pair(row + 1));
+                total += integral;
+                // Let coloured suns count by their mean too, which no channel can take to zero.
+                *weight = integral.element_sum();
+            }
+            self.rows.push(Cdf::new(weights.iter().copied()));
+        }
+        self.marginal = Cdf::new(self.rows.iter().map(Cdf::total));
+        self.integral = Rgb::new(total.x as f32, total.y as f32, total.z as f32);
+        self.uniform_share = if self.unresolved() > 0.0 { 0.05 } else { 0.0 };
+    }
+
+    /// Share of the light in cells that the distribution gives less than half of what they deserve.
+    fn unresolved(&self) -> f64 {
+        let w = self.width;
+        let total = self.marginal.total();
+        let lost = |row: usize| {
+            let cell = |col: usize| {
+                let pair = |y: usize| to_f64(self.pixels[y * w + col] + self.pixels[y * w + (col + 1) % w]);
+                let [upper, lower] = row_weights(row, self.height - 1);
+                let due = PI / w as f64 * (upper * pair(row) + lower * pair(row + 1)).element_sum() / total;
+                let got = self.rows[row].pmf(col) as f64 * self.marginal.pmf(row) as f64;
+                if got < 0.5 * due { due } else { 0.0 }
+            };
+            (0..w).map(cell).sum::<f64>()
+        };
+        if total > 0.0 { (0..self.height - 1).map(lost).sum() } else { 0.0 }
+    }
+
+    fn cell(&self, wi: Vec3) -> Cell {
+        let d = self.axes.transpose() * wi;
+        let sin_theta = Vec2::new(d.x, d.z).length();
+        let x = (d.x.atan2(-d.z) * (0.5 / PI) as f32) * self.width as f32 - 0.5;
+        let y = sin_theta.atan2(d.y) * (1.0 / PI) as f32 * (self.height - 1) as f32;
+        let (fx, fy) = (x - x.floor(), y - y.floor());
+        let col = (x.floor() as i64).rem_euclid(self.width as i64) as usize;
+        let row = (y as usize).min(self.height - 2);
+        // The last row keeps its lower edge.
+        let fy = if y as usize > row { 1.0 } else { fy };
+        Cell { col, row, f: Vec2::new(fx, fy) }
+    }
+
+    /// Radiance from the direction `d`, W·m⁻²·sr⁻¹.
+    pub fn radiance(&self, d: Vec3) -> Rgb {
+        let Cell { col, row, f } = self.cell(d);
+        let next = if col + 1 == self.width { 0 } else { col + 1 };
+        let at = |x: usize, y: usize| self.pixels[y * self.width + x];
+        at(col, row).lerp(at(next, row), f.x).lerp(at(col, row + 1).lerp(at(next, row + 1), f.x), f.y)
+    }
+
+    /// Density per steradian of the sampled directions.
+    pub(super) fn pdf(&self, wi: Vec3) -> f32 {
+        if self.marginal.total() <= 0.0 {
+            return 0.0;
+        }
+        let Cell { col, row, .. } = self.cell(wi);
+        let cell = self.marginal.pmf(row) * self.rows[row].pmf(col) / self.cell_angle[row];
+        (1.0 - self.uniform_share) * cell + self.uniform_share * (0.25 / PI) as f32
+    }
+
+    /// A direction towards the light with its density.
+    fn sample_direction(&self, mut u: Vec2) -> Option<(Vec3, f32)> {
+        if self.marginal.total() <= 0.0 {
+            return None;
+        }
+        // Take the uniform share from the top of the second number.
+        let guided = 1.0 - self.uniform_share;
+        let wi = if u.y >= guided {
+            u.y = ((u.y - guided) / self.uniform_share).min(1.0f32.next_down());
+            warp::uniform_sphere(u)
+        } else {
+            let (row, _, fy) = self.marginal.sample(u.y / guided)?;
+            let (col, _, fx) = self.rows[row].sample(u.x)?;
+            self.axes * self.direction_in(row, fy, col, fx)
+        };
+        // Ask for the density of the rounded direction, so that both techniques agree.
+        let pdf = self.pdf(wi);
+        (pdf > 0.0).then_some((wi, pdf))
+    }
+
+    /// The local direction at fractions `fx` of the azimuth and `fy` of the height of a cell.
+    fn direction_in(&self, row: usize, fy: f32, col: usize, fx: f32) -> Vec3 {
+        // Measure the height from the nearer pole, where 1 − |cos θ| is small.
+        let upper = 2 * row + 1 < self.height;
+        let heights = if upper { &self.from_top } else { &self.from_bottom };
+        let h = heights[row] + fy * (heights[row + 1] - heights[row]);
+        let y = if upper { 1.0 - h } else { h - 1.0 };
+        let (sin_phi, cos_phi) = ((col as f32 + 0.5 + fx) / self.width as f32 * (2.0 * PI) as f32).sin_cos();
+        let r = safe_sqrt(h * (2.0 - h));
+        Vec3::new(r * sin_phi, y, -r * cos_phi)
+    }
+
+    pub(super) fn sample_li(&self, ctx: &LightContext, p: Vec3, u: Vec2) -> Option<LightLi> {
+        let (wi, pdf_w) = self.sample_direction(u)?;
+        let radiance = self.radiance(wi);
+        (!radiance.is_black()).then(|| arrive_from_infinity(ctx, p, wi, radiance, pdf_w, false))
+    }
+
+    pub(super) fn sample_le(&self, ctx: &LightContext, u_pos: Vec2, u_dir: Vec2) -> Option<LightLe> {
+        let (wi, pdf_w) = self.sample_direction(u_dir)?;
+        let radiance = self.radiance(wi);
+        (!radiance.is_black()).then(|| emit_from_infinity(ctx, -wi, radiance, pdf_w, false, u_pos))
+    }
+
+    pub(super) fn power(&self, ctx: &LightContext) -> Rgb {
+        self.integral * ctx.disc_area() as f32
+    }
+}
+
+/// ∫ (1−t)·sin θ dθ and ∫ t·sin θ dθ over the cell row between pixel rows `row` and `row + 1`, with `t` rising from 0 to 1.
+fn row_weights(row: usize, cells: usize) -> [f64; 2] {
+    let step = PI / cells as f64;
+    let (a, b) = (row as f64 * step, (row + 1) as f64 * step);
+    let whole = 2.0 * (0.5 * (a + b)).sin() * (0.5 * (b - a)).sin();
+    let lower = (b.sin() - a.sin()) / step - b.cos();
+    [whole - lower, lower]
+}
+
+fn to_f64(c: Rgb) -> DVec3 {
+    DVec3::new(c.r as f64, c.g as f64, c.b as f64)
+}

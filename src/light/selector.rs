@@ -1,0 +1,55 @@
+use crate::color::Rgb;
+use crate::sample::Cdf;
+
+/// Picks lights with probability proportional to their power, but none that emits with less than a tenth of an equal share.
+///
+/// The floor `1/(10 n)` keeps a dim light alive beside a bright one that may be behind a wall.
+#[derive(Clone, Debug, Default)]
+pub struct LightSelector {
+    cdf: Cdf,
+}
+
+impl LightSelector {
+    /// `powers` in W, one for each light, in their order. Lights without power are never picked.
+    pub fn new(powers: impl IntoIterator<Item = Rgb>) -> Self {
+        // Let the mean channel measure a light, so that a purely blue one is not undervalued.
+        let clean = |p: Rgb| {
+            let mean = (p.r as f64 + p.g as f64 + p.b as f64) / 3.0;
+            if mean > 0.0 && mean.is_finite() { mean } else { 0.0 }
+        };
+        let powers: Vec<f64> = powers.into_iter().map(clean).collect();
+        let total: f64 = powers.iter().sum();
+        let lit = powers.iter().filter(|&&p| p > 0.0).count();
+        let floor = 0.1 / lit.max(1) as f64;
+        let share = |p: f64| if p > 0.0 { (p / total).max(floor) } else { 0.0 };
+        Self { cdf: Cdf::new(powers.into_iter().map(share)) }
+    }
+
+    /// Number of lights, dark ones included.
+    pub fn len(&self) -> usize {
+        self.cdf.len()
+    }
+
+    /// True when there are no lights.
+    pub fn is_empty(&self) -> bool {
+        self.cdf.is_empty()
+    }
+
+    /// Probability of light `i`.
+    #[inline]
+    pub fn pmf(&self, i: usize) -> f32 {
+        self.cdf.pmf(i)
+    }
+
+    /// A light and its probability. `None` when no light emits.
+    #[inline]
+    pub fn sample(&self, u: f32) -> Option<(usize, f32)> {
+        self.cdf.sample(u).map(|(i, p, _)| (i, p))
+    }
+
+    /// [`LightSelector::sample`] with what is left of `u`, uniform in [0, 1).
+    #[inline]
+    pub fn sample_remainder(&self, u: f32) -> Option<(usize, f32, f32)> {
+        self.cdf.sample(u)
+    }
+}
