@@ -7,6 +7,7 @@ pub mod bsdf;
 pub mod color;
 pub mod geometry;
 pub mod image;
+pub mod light;
 pub mod math;
 pub mod photon;
 pub mod sample;

@@ -1,13 +1,18 @@
 use std::f64::consts::PI;
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
-use super::surface::{SphereCone, Surface, SurfacePoint, sphere_point};
+use super::surface::{SphereCone, Surface, SurfacePoint, Triangles, triangle_point};
+use super::table::tabulate;
 use super::{LightContext, LightLe, LightLi, emit_from_surface};
 use crate::color::Rgb;
-use crate::geometry::{GeometrySet, SurfaceInteraction};
+use crate::geometry::{GeometrySet, Shape, SurfaceInteraction};
 use crate::math::{Frame, INV_PI};
-use crate::sample::warp;
+use crate::sample::{Distribution2d, warp};
+use crate::texture::{ColorParam, Textures};
+
+/// Texture look-ups spent on a textured mesh when it becomes a light.
+const PROBES: usize = 1 << 16;
 
 /// A surface that emits diffusely from the side of its geometric normal.
 #[derive(Clone, Debug)]
@@ -15,19 +20,61 @@ pub struct AreaLight {
     /// Index into [`GeometrySet::shapes`].
     pub shape: u32,
     /// W·m⁻²·sr⁻¹.
-    radiance: Rgb,
+    radiance: ColorParam,
     surface: Surface,
+    /// Density over the parameters of a textured parallelogram.
+    table: Option<Distribution2d>,
     area: f64,
     inv_area: f32,
+    /// Mean radiance over the surface.
+    mean: Rgb,
 }
 
 impl AreaLight {
     /// Makes the shape `shape` emit `radiance` (W·m⁻²·sr⁻¹).
-    pub fn new(geometry: &GeometrySet, shape: u32, radiance: Rgb) -> Self {
+    pub fn new(geometry: &GeometrySet, textures: &Textures, shape: u32, radiance: impl Into<ColorParam>) -> Self {
         let surface = Surface::new(&geometry.shapes[shape as usize]);
         let area = geometry.shapes[shape as usize].area();
         let inv_area = if area > 0.0 { (1.0 / area) as f32 } else { 0.0 };
-        Self { shape, radiance, surface, area, inv_area }
+        let radiance = radiance.into();
+        let mut light = Self { shape, radiance, surface, table: None, area, inv_area, mean: Rgb::BLACK };
+        match radiance {
+            ColorParam::Const(c) => light.mean = c,
+            ColorParam::Texture(_) => light.follow_texture(geometry, textures),
+        }
+        light
+    }
+
+    /// Probes the texture for the mean radiance, and for where to sample on parallelograms and meshes.
+    fn follow_texture(&mut self, geometry: &GeometrySet, textures: &Textures) {
+        let shape = &geometry.shapes[self.shape as usize];
+        let value = |p: Option<SurfacePoint>| {
+            p.map_or(Rgb::BLACK, |p| {
+                textures.color(self.radiance, &self.surface.interaction(shape, self.shape, &p), geometry)
+            })
+        };
+        if let (Surface::Triangles(_), Shape::Mesh(mesh)) = (&self.surface, shape) {
+            let count = mesh.indices.len();
+            let side = ((PROBES / count.max(1)) as f64).sqrt().clamp(2.0, 64.0) as usize;
+            let means: Vec<Rgb> = (0..count as u32)
+                .map(|i| tabulate(side, side, |u| value(triangle_point(mesh, i, warp::uniform_triangle(u)))).1)
+                .collect();
+            // Weigh in f64, so that a million triangles add up.
+            let (mut sum, mut area) = (DVec3::ZERO, 0.0);
+            for (i, m) in means.iter().enumerate() {
+                let a = mesh.triangle_area(i as u32);
+                sum += a * DVec3::new(m.r as f64, m.g as f64, m.b as f64);
+                area += a;
+            }
+            let mean = if area > 0.0 { sum / area } else { DVec3::ZERO };
+            let floor = 0.1 * mean.element_sum() / 3.0;
+            self.mean = Rgb::new(mean.x as f32, mean.y as f32, mean.z as f32);
+            self.surface = Surface::Triangles(Triangles::new(mesh, |i| means[i as usize].mean() as f64 + floor));
+        } else {
+            let (table, mean) = tabulate(256, 256, |u| value(self.surface.sample(shape, u)));
+            self.mean = mean;
+            self.table = matches!(self.surface, Surface::Parallelogram(_)).then_some(table);
+        }
     }
 
     /// Area in square scene units.
@@ -40,22 +87,49 @@ impl AreaLight {
     #[inline]
     fn cone(&self, p: Vec3) -> Option<SphereCone> {
         match &self.surface {
-            Surface::Sphere(s) if !s.flip_normals => SphereCone::new(s, p),
+            Surface::Ball(s) if s.side > 0.0 => SphereCone::new(s, p),
             _ => None,
         }
     }
 
+    /// A point and its density per area.
     #[inline]
     fn sample_point(&self, ctx: &LightContext, u: Vec2) -> Option<(SurfacePoint, f32)> {
-        let point = self.surface.sample(&ctx.geometry.shapes[self.shape as usize], u)?;
-        Some((point, self.inv_area))
+        let shape = &ctx.geometry.shapes[self.shape as usize];
+        if let Some(table) = &self.table {
+            let (u, density) = table.sample(u)?;
+            return Some((self.surface.sample(shape, u)?, density * self.inv_area));
+        }
+        let point = self.surface.sample(shape, u)?;
+        Some((point, self.pdf_a(ctx, point.p, point.prim)))
+    }
+
+    /// Density per area of sampling the point `p` of triangle `prim`.
+    #[inline]
+    fn pdf_a(&self, ctx: &LightContext, p: Vec3, prim: u32) -> f32 {
+        match (&self.surface, &self.table, &ctx.geometry.shapes[self.shape as usize]) {
+            (Surface::Parallelogram(q), Some(table), _) => table.pdf(q.parameters(p)) * self.inv_area,
+            (Surface::Triangles(t), _, Shape::Mesh(mesh)) => t.pdf_a(mesh, prim),
+            _ => self.inv_area,
+        }
+    }
+
+    #[inline]
+    fn radiance_of(&self, ctx: &LightContext, point: &SurfacePoint) -> Rgb {
+        match self.radiance {
+            ColorParam::Const(c) => c,
+            texture => {
+                let shape = &ctx.geometry.shapes[self.shape as usize];
+                ctx.textures.color(texture, &self.surface.interaction(shape, self.shape, point), ctx.geometry)
+            }
+        }
     }
 
     pub(super) fn sample_li(&self, ctx: &LightContext, p: Vec3, u: Vec2) -> Option<LightLi> {
-        if let (Some(cone), Surface::Sphere(s)) = (self.cone(p), &self.surface) {
+        if let (Some(cone), Surface::Ball(s)) = (self.cone(p), &self.surface) {
             let (wi, dist, outward) = cone.sample(s.radius, u);
-            let point = sphere_point(s, outward);
-            let radiance = self.radiance_of(&point);
+            let point = s.point(outward);
+            let radiance = self.radiance_of(ctx, &point);
             let li = LightLi {
                 wi,
                 dist,
@@ -79,7 +153,7 @@ impl AreaLight {
         if !(cos > 0.0 && pdf_w > 0.0 && pdf_w.is_finite()) {
             return None;
         }
-        let radiance = self.radiance_of(&point);
+        let radiance = self.radiance_of(ctx, &point);
         let li = LightLi { wi, dist, radiance, pdf_w, delta: false, p: point.p, n: point.n, p_err: point.p_err };
         (!radiance.is_black()).then_some(li)
     }
@@ -91,19 +165,19 @@ impl AreaLight {
         let d = si.p - p;
         let dist_sq = d.length_squared();
         let cos = -si.ng.dot(d) / dist_sq.sqrt();
-        let pdf_w = self.pdf_a(ctx, si) * dist_sq / cos;
+        let pdf_w = self.pdf_a(ctx, si.p, si.prim) * dist_sq / cos;
         if cos > 0.0 && pdf_w.is_finite() { pdf_w } else { 0.0 }
     }
 
-    pub(super) fn radiance_at(&self, _ctx: &LightContext, si: &SurfaceInteraction, w: Vec3) -> Rgb {
-        if si.ng.dot(w) > 0.0 { self.radiance } else { Rgb::BLACK }
+    pub(super) fn radiance_at(&self, ctx: &LightContext, si: &SurfaceInteraction, w: Vec3) -> Rgb {
+        if si.ng.dot(w) > 0.0 { ctx.textures.color(self.radiance, si, ctx.geometry) } else { Rgb::BLACK }
     }
 
     pub(super) fn sample_le(&self, ctx: &LightContext, u_pos: Vec2, u_dir: Vec2) -> Option<LightLe> {
         let (point, pdf_a) = self.sample_point(ctx, u_pos)?;
         let local = warp::cosine_hemisphere(u_dir);
         let d = Frame::from_normal(point.n).to_world(local);
-        let radiance = self.radiance_of(&point);
+        let radiance = self.radiance_of(ctx, &point);
         if radiance.is_black() || !(pdf_a > 0.0 && local.z > 0.0) {
             return None;
         }
@@ -123,26 +197,16 @@ impl AreaLight {
         })
     }
 
-    pub(super) fn pdf_le(&self, _p: Vec3, n: Vec3, w: Vec3) -> (f32, f32) {
-        (self.inv_area, warp::cosine_hemisphere_pdf(n.dot(w)))
+    pub(super) fn pdf_le(&self, ctx: &LightContext, p: Vec3, n: Vec3, w: Vec3) -> (f32, f32) {
+        let pdf_a = if matches!(self.surface, Surface::Triangles(_)) { self.inv_area } else { self.pdf_a(ctx, p, 0) };
+        (pdf_a, warp::cosine_hemisphere_pdf(n.dot(w)))
     }
 
     pub(super) fn pdf_le_at(&self, ctx: &LightContext, si: &SurfaceInteraction, w: Vec3) -> (f32, f32) {
-        (self.pdf_a(ctx, si), warp::cosine_hemisphere_pdf(si.ng.dot(w)))
+        (self.pdf_a(ctx, si.p, si.prim), warp::cosine_hemisphere_pdf(si.ng.dot(w)))
     }
 
     pub(super) fn power(&self) -> Rgb {
-        self.radiance * (PI * self.area) as f32
-    }
-
-    #[inline]
-    fn radiance_of(&self, _point: &SurfacePoint) -> Rgb {
-        self.radiance
-    }
-
-    /// Density per area of sampling the point `si`.
-    #[inline]
-    fn pdf_a(&self, _ctx: &LightContext, _si: &SurfaceInteraction) -> f32 {
-        self.inv_area
+        self.mean * (PI * self.area) as f32
     }
 }

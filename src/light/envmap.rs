@@ -47,7 +47,7 @@ impl EnvMap {
     pub fn new(width: usize, height: usize, mut pixels: Vec<Rgb>, scale: f32, to_world: &Transform) -> Self {
         assert!(width > 0 && height > 0 && pixels.len() == width * height, "pixels must fill the image");
         for p in &mut pixels {
-            *p = *p * scale;
+            *p *= scale;
         }
         // Let a single row cover the sphere.
         let height = if height == 1 {

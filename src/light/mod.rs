@@ -11,6 +11,7 @@ mod projector;
 mod selector;
 mod spot;
 mod surface;
+mod table;
 #[cfg(test)]
 mod tests;
 
@@ -27,11 +28,13 @@ pub use spot::Spot;
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Ray, SurfaceInteraction};
 use crate::math::{Transform, offset_ray_origin};
+use crate::texture::Textures;
 
 /// What lights look things up in.
 #[derive(Clone, Copy, Debug)]
 pub struct LightContext<'a> {
     pub geometry: &'a GeometrySet,
+    pub textures: &'a Textures,
     /// Centre and radius of a sphere around all geometry; distant lights shine from outside it.
     pub scene_sphere: (Vec3, f32),
 }
@@ -176,7 +179,7 @@ impl Light {
     /// On textured meshes the density of the position depends on the triangle; use [`Light::pdf_le_at`] there.
     pub fn pdf_le(&self, ctx: &LightContext, p: Vec3, n: Vec3, w: Vec3) -> (f32, f32) {
         match self {
-            Light::Area(l) => l.pdf_le(p, n, w),
+            Light::Area(l) => l.pdf_le(ctx, p, n, w),
             Light::Point(l) => l.pdf_le(),
             Light::Spot(l) => (1.0, l.pdf_direction(w)),
             Light::Directional(_) => ((1.0 / ctx.disc_area()) as f32, 1.0),

@@ -2,9 +2,13 @@ use std::f64::consts::PI;
 
 use glam::{Mat3, Vec2, Vec3};
 
+use super::table::{at_uv, tabulate};
 use super::{LightContext, LightLe, LightLi, arrive_from_point, axes, emit_from_point};
 use crate::color::Rgb;
+use crate::geometry::GeometrySet;
 use crate::math::Transform;
+use crate::sample::Distribution2d;
+use crate::texture::{ColorParam, Textures};
 
 /// A slide projector: the reciprocal of the perspective camera, with +z ahead, x to the left and y up in the slide.
 ///
@@ -15,19 +19,41 @@ pub struct Projector {
     axes: Mat3,
     /// Tangents of half the horizontal and vertical field of view.
     tan_half: Vec2,
-    slide: Rgb,
+    slide: ColorParam,
+    scale: f32,
+    /// Density of slide coordinates; uniform for a slide of one colour.
+    table: Option<Distribution2d>,
+    mean: Rgb,
 }
 
 impl Projector {
-    /// `slide` is multiplied by π to give W·m⁻² at z = 1 (scene units); `fov_x` is the horizontal field of view in
-    /// radians and `aspect` the slide's width over its height.
-    pub fn new(to_world: &Transform, fov_x: f64, aspect: f64, slide: Rgb) -> Self {
+    /// `slide` times `scale` times π is W·m⁻² at z = 1 (scene units); `fov_x` is the horizontal field of view in radians
+    /// and `aspect` the slide's width over its height.
+    pub fn new(
+        geometry: &GeometrySet,
+        textures: &Textures,
+        to_world: &Transform,
+        (fov_x, aspect): (f64, f64),
+        slide: impl Into<ColorParam>,
+        scale: f32,
+    ) -> Self {
+        let slide = slide.into();
         let t = (0.5 * fov_x).tan();
+        let (table, mean) = match slide {
+            ColorParam::Const(c) => (None, c),
+            texture => {
+                let (table, mean) = tabulate(256, 256, |uv| textures.color(texture, &at_uv(uv), geometry));
+                (Some(table), mean)
+            }
+        };
         Self {
             position: to_world.point(Vec3::ZERO),
             axes: axes(to_world),
             tan_half: Vec2::new(t as f32, (t / aspect) as f32),
             slide,
+            scale,
+            table,
+            mean: mean * scale,
         }
     }
 
@@ -37,13 +63,16 @@ impl Projector {
         (d.z > 0.0 && uv.cmpge(Vec2::ZERO).all() && uv.cmple(Vec2::ONE).all()).then_some(uv)
     }
 
-    fn slide_at(&self, _ctx: &LightContext, _uv: Vec2) -> Rgb {
-        self.slide
+    fn slide_at(&self, ctx: &LightContext, uv: Vec2) -> Rgb {
+        match self.slide {
+            ColorParam::Const(c) => c * self.scale,
+            texture => ctx.textures.color(texture, &at_uv(uv), ctx.geometry) * self.scale,
+        }
     }
 
     /// Density of slide coordinates.
-    fn slide_pdf(&self, _uv: Vec2) -> f32 {
-        1.0
+    fn slide_pdf(&self, uv: Vec2) -> f32 {
+        self.table.as_ref().map_or(1.0, |t| t.pdf(uv))
     }
 
     /// Area of the slide at z = 1.
@@ -60,7 +89,10 @@ impl Projector {
     }
 
     pub(super) fn sample_le(&self, ctx: &LightContext, u: Vec2) -> Option<LightLe> {
-        let (uv, pdf_uv) = (u, 1.0);
+        let (uv, pdf_uv) = match &self.table {
+            Some(table) => table.sample(u)?,
+            None => (u, 1.0),
+        };
         let slide = self.slide_at(ctx, uv);
         let local = ((1.0 - 2.0 * uv) * self.tan_half).extend(1.0).normalize();
         let cos_cubed = local.z.powi(3);
@@ -75,6 +107,6 @@ impl Projector {
     }
 
     pub(super) fn power(&self) -> Rgb {
-        self.slide * (PI * self.slide_area() as f64) as f32
+        self.mean * (PI * self.slide_area() as f64) as f32
     }
 }

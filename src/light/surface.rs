@@ -4,7 +4,8 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 
-use crate::geometry::{Cylinder, Disk, Shape, Sphere, TriangleMesh, triangle_normal};
+use super::table::at_uv;
+use crate::geometry::{Shape, SurfaceInteraction, TriangleMesh, triangle_normal};
 use crate::math::{Frame, gamma, safe_sqrt};
 use crate::sample::{Cdf, warp};
 
@@ -25,9 +26,36 @@ pub(super) struct SurfacePoint {
 pub(super) enum Surface {
     Parallelogram(Parallelogram),
     Triangles(Triangles),
-    Sphere(Sphere),
-    Disk(Disk),
-    Cylinder(Cylinder),
+    Ball(Ball),
+    Disk(FlatDisk),
+    Cylinder(Tube),
+}
+
+/// A sphere, with the sign that turns its outside to the emitting side.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ball {
+    pub center: Vec3,
+    pub radius: f32,
+    pub side: f32,
+}
+
+/// An elliptic disc `o + x·ax + y·ay`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FlatDisk {
+    o: Vec3,
+    ax: Vec3,
+    ay: Vec3,
+    n: Vec3,
+}
+
+/// The side of a cylinder, `o + cos φ·ax + sin φ·ay + h·axis`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tube {
+    o: Vec3,
+    ax: Vec3,
+    ay: Vec3,
+    axis: Vec3,
+    side: f32,
 }
 
 impl Surface {
@@ -37,9 +65,44 @@ impl Surface {
                 Some(p) => Surface::Parallelogram(p),
                 None => Surface::Triangles(Triangles::new(mesh, |_| 1.0)),
             },
-            Shape::Sphere(s) => Surface::Sphere(*s),
-            Shape::Disk(d) => Surface::Disk(*d),
-            Shape::Cylinder(c) => Surface::Cylinder(*c),
+            Shape::Sphere(s) => Surface::Ball(Ball { center: s.center, radius: s.radius, side: side(s.flip_normals) }),
+            Shape::Disk(d) => Surface::Disk(FlatDisk {
+                o: d.to_world.point(Vec3::ZERO),
+                ax: d.to_world.vector(Vec3::X),
+                ay: d.to_world.vector(Vec3::Y),
+                n: side(d.flip_normals) * d.to_world.normal(Vec3::Z).normalize_or_zero(),
+            }),
+            Shape::Cylinder(c) => Surface::Cylinder(Tube {
+                o: c.to_world.point(Vec3::ZERO),
+                ax: c.to_world.vector(Vec3::X),
+                ay: c.to_world.vector(Vec3::Y),
+                axis: c.to_world.vector(Vec3::Z),
+                side: side(c.flip_normals),
+            }),
+        }
+    }
+
+    /// What a ray would have found at a sampled point, as far as textures ask for it.
+    pub fn interaction(&self, shape: &Shape, id: u32, point: &SurfacePoint) -> SurfaceInteraction {
+        let uv = match (self, shape) {
+            (Surface::Parallelogram(_) | Surface::Triangles(_), Shape::Mesh(mesh)) => mesh_uv(mesh, point),
+            (Surface::Ball(ball), Shape::Sphere(s)) => {
+                let outward = (ball.side * point.n).as_dvec3();
+                let d = s.to_world.inverse_matrix().transform_vector3(outward).as_vec3();
+                Vec2::new(turn(d.truncate()), d.truncate().length().atan2(d.z) / PI)
+            }
+            (Surface::Disk(_), _) => Vec2::new(point.param.length(), turn(point.param)),
+            _ => point.param,
+        };
+        SurfaceInteraction {
+            p: point.p,
+            p_err: point.p_err,
+            ng: point.n,
+            ns: point.n,
+            shape: id,
+            prim: point.prim,
+            barycentric: point.param,
+            ..at_uv(uv)
         }
     }
 
@@ -49,9 +112,9 @@ impl Surface {
         match (self, shape) {
             (Surface::Parallelogram(q), _) => Some(q.point(u)),
             (Surface::Triangles(t), Shape::Mesh(mesh)) => t.sample(mesh, u),
-            (Surface::Sphere(s), _) => Some(sphere_point(s, warp::uniform_sphere(u))),
-            (Surface::Disk(d), _) => Some(disk_point(d, u)),
-            (Surface::Cylinder(c), _) => Some(cylinder_point(c, u)),
+            (Surface::Ball(ball), _) => Some(ball.point(warp::uniform_sphere(u))),
+            (Surface::Disk(d), _) => Some(d.point(u)),
+            (Surface::Cylinder(c), _) => Some(c.point(u)),
             // A surface is always made from the shape it is used with.
             (Surface::Triangles(_), _) => None,
         }
@@ -106,8 +169,7 @@ impl Parallelogram {
     #[inline]
     pub fn point(&self, u: Vec2) -> SurfacePoint {
         let p = self.origin + u.x * self.e1 + u.y * self.e2;
-        let mut point =
-            SurfacePoint { p, p_err: self.err, n: self.n, prim: 0, param: Vec2::ZERO };
+        let mut point = SurfacePoint { p, p_err: self.err, n: self.n, prim: 0, param: Vec2::ZERO };
         // Weights of the corner off the diagonal, of origin + e1 and of origin + e2, in the triangle that is hit.
         let mut b = [0.0; 3];
         if u.x + u.y <= 1.0 {
@@ -153,17 +215,7 @@ impl Triangles {
 
     pub fn sample(&self, mesh: &TriangleMesh, u: Vec2) -> Option<SurfacePoint> {
         let (i, _, rest) = self.cdf.sample(u.x)?;
-        let b = warp::uniform_triangle(Vec2::new(rest, u.y));
-        let [p0, p1, p2] = mesh.triangle(i as u32);
-        let (w0, w1, w2) = (1.0 - b.x - b.y, b.x, b.y);
-        let n = triangle_normal([p0, p1, p2])?;
-        Some(SurfacePoint {
-            p: w0 * p0 + w1 * p1 + w2 * p2,
-            p_err: gamma(7) * (w0.abs() * p0.abs() + w1 * p1.abs() + w2 * p2.abs()),
-            n: if mesh.flip_normals { -n } else { n },
-            prim: i as u32,
-            param: b,
-        })
+        triangle_point(mesh, i as u32, warp::uniform_triangle(Vec2::new(rest, u.y)))
     }
 
     /// Density per area at triangle `prim`.
@@ -176,44 +228,79 @@ impl Triangles {
     }
 }
 
-/// The point of a sphere in the direction `outward` from its centre.
-pub(super) fn sphere_point(s: &Sphere, outward: Vec3) -> SurfacePoint {
-    let p = s.center + s.radius * outward;
-    SurfacePoint {
-        p,
-        p_err: gamma(5) * (s.center.abs() + s.radius * outward.abs()),
-        n: if s.flip_normals { -outward } else { outward },
-        prim: 0,
-        param: Vec2::ZERO,
+/// The point of a triangle with the given barycentric weights. `None` without area.
+pub(super) fn triangle_point(mesh: &TriangleMesh, prim: u32, b: Vec2) -> Option<SurfacePoint> {
+    let [p0, p1, p2] = mesh.triangle(prim);
+    let (w0, w1, w2) = (1.0 - b.x - b.y, b.x, b.y);
+    let n = triangle_normal([p0, p1, p2])?;
+    Some(SurfacePoint {
+        p: w0 * p0 + w1 * p1 + w2 * p2,
+        p_err: gamma(7) * (w0.abs() * p0.abs() + w1 * p1.abs() + w2 * p2.abs()),
+        n: if mesh.flip_normals { -n } else { n },
+        prim,
+        param: b,
+    })
+}
+/// Texture coordinates; the barycentric weights themselves on meshes without any, as in Mitsuba.
+fn mesh_uv(mesh: &TriangleMesh, point: &SurfacePoint) -> Vec2 {
+    let b = point.param;
+    match &mesh.uvs {
+        Some(uvs) => {
+            let [t0, t1, t2] = mesh.indices[point.prim as usize].map(|i| uvs[i as usize]);
+            (1.0 - b.x - b.y) * t0 + b.x * t1 + b.y * t2
+        }
+        None => b,
     }
 }
 
-fn disk_point(d: &Disk, u: Vec2) -> SurfacePoint {
-    let q = warp::concentric_disk(u);
-    let n = d.to_world.normal(Vec3::Z).normalize_or_zero();
-    let (ax, ay) = (d.to_world.vector(Vec3::X), d.to_world.vector(Vec3::Y));
-    let o = d.to_world.point(Vec3::ZERO);
-    SurfacePoint {
-        p: o + q.x * ax + q.y * ay,
-        p_err: gamma(6) * (o.abs() + ax.abs() + ay.abs()),
-        n: if d.flip_normals { -n } else { n },
-        prim: 0,
-        param: q,
+/// The azimuth of a vector in turns, in [0, 1).
+fn turn(v: Vec2) -> f32 {
+    let t = v.y.atan2(v.x) / (2.0 * PI);
+    if t < 0.0 { (t + 1.0).min(1.0f32.next_down()) } else { t }
+}
+
+fn side(flip_normals: bool) -> f32 {
+    if flip_normals { -1.0 } else { 1.0 }
+}
+
+impl Ball {
+    /// The point in the direction `outward` from the centre.
+    #[inline]
+    pub fn point(&self, outward: Vec3) -> SurfacePoint {
+        SurfacePoint {
+            p: self.center + self.radius * outward,
+            p_err: gamma(5) * (self.center.abs() + self.radius * outward.abs()),
+            n: self.side * outward,
+            prim: 0,
+            param: Vec2::ZERO,
+        }
     }
 }
 
-fn cylinder_point(c: &Cylinder, u: Vec2) -> SurfacePoint {
-    let q = Vec2::from_angle(2.0 * PI * u.x);
-    let o = c.to_world.point(Vec3::ZERO);
-    let side = c.to_world.vector(q.extend(0.0));
-    let along = c.to_world.vector(Vec3::Z);
-    let n = c.to_world.normal(q.extend(0.0)).normalize_or_zero();
-    SurfacePoint {
-        p: o + side + u.y * along,
-        p_err: gamma(6) * (o.abs() + Vec3::splat(c.radius) + along.abs()),
-        n: if c.flip_normals { -n } else { n },
-        prim: 0,
-        param: u,
+impl FlatDisk {
+    fn point(&self, u: Vec2) -> SurfacePoint {
+        let q = warp::concentric_disk(u);
+        SurfacePoint {
+            p: self.o + q.x * self.ax + q.y * self.ay,
+            p_err: gamma(6) * (self.o.abs() + self.ax.abs() + self.ay.abs()),
+            n: self.n,
+            prim: 0,
+            param: q,
+        }
+    }
+}
+
+impl Tube {
+    fn point(&self, u: Vec2) -> SurfacePoint {
+        let q = Vec2::from_angle(2.0 * PI * u.x);
+        let radial = q.x * self.ax + q.y * self.ay;
+        SurfacePoint {
+            p: self.o + radial + u.y * self.axis,
+            p_err: gamma(7) * (self.o.abs() + self.ax.abs() + self.ay.abs() + self.axis.abs()),
+            n: self.side * radial.normalize_or_zero(),
+            prim: 0,
+            param: u,
+        }
     }
 }
 
@@ -230,7 +317,7 @@ pub(super) struct SphereCone {
 impl SphereCone {
     /// `None` from inside.
     #[inline]
-    pub fn new(s: &Sphere, p: Vec3) -> Option<Self> {
+    pub fn new(s: &Ball, p: Vec3) -> Option<Self> {
         let d = p - s.center;
         let dist_sq = d.length_squared();
         let sin_max_sq = s.radius * s.radius / dist_sq;

