@@ -4,10 +4,14 @@
 //! [`Hit`], no culling of back faces, watertight along shared edges. Only this room knows whether Embree is there.
 
 mod bvh;
+#[cfg(embree)]
+mod embree;
 
 use std::sync::Arc;
 
 pub use bvh::Bvh;
+#[cfg(embree)]
+pub use embree::EmbreeAccel;
 
 use crate::geometry::{GeometrySet, Hit, Ray};
 
@@ -36,6 +40,8 @@ pub enum AccelError {
 
 /// A built acceleration structure; immutable, shared by all threads.
 pub enum Accel {
+    #[cfg(embree)]
+    Embree(EmbreeAccel),
     Bvh(Bvh),
 }
 
@@ -43,15 +49,32 @@ impl Accel {
     /// Builds the back end `kind` over `set`.
     pub fn build(kind: AccelKind, set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
         match kind {
-            AccelKind::Embree => Err(AccelError::NotBuiltIn),
-            AccelKind::Auto | AccelKind::Bvh => Bvh::build(set).map(Accel::Bvh).ok_or(AccelError::TooLarge),
+            AccelKind::Auto => Self::embree(&set).or_else(|_| Self::bvh(set)),
+            AccelKind::Embree => Self::embree(&set),
+            AccelKind::Bvh => Self::bvh(set),
         }
+    }
+
+    fn bvh(set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
+        Bvh::build(set).map(Accel::Bvh).ok_or(AccelError::TooLarge)
+    }
+
+    #[cfg(embree)]
+    fn embree(set: &Arc<GeometrySet>) -> Result<Accel, AccelError> {
+        EmbreeAccel::build(set.clone()).map(Accel::Embree)
+    }
+
+    #[cfg(not(embree))]
+    fn embree(_: &Arc<GeometrySet>) -> Result<Accel, AccelError> {
+        Err(AccelError::NotBuiltIn)
     }
 
     /// The nearest hit along `ray`.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
         match self {
+            #[cfg(embree)]
+            Accel::Embree(a) => a.intersect(ray),
             Accel::Bvh(a) => a.intersect(ray),
         }
     }
@@ -60,6 +83,8 @@ impl Accel {
     #[inline]
     pub fn occluded(&self, ray: &Ray) -> bool {
         match self {
+            #[cfg(embree)]
+            Accel::Embree(a) => a.occluded(ray),
             Accel::Bvh(a) => a.occluded(ray),
         }
     }
@@ -73,6 +98,8 @@ impl Accel {
     /// Bytes held by the acceleration structure, without the geometry itself.
     pub fn memory(&self) -> usize {
         match self {
+            #[cfg(embree)]
+            Accel::Embree(a) => a.memory(),
             Accel::Bvh(a) => a.memory(),
         }
     }
@@ -80,6 +107,8 @@ impl Accel {
     /// `embree` or `bvh`.
     pub fn name(&self) -> &'static str {
         match self {
+            #[cfg(embree)]
+            Accel::Embree(_) => "embree",
             Accel::Bvh(_) => "bvh",
         }
     }
@@ -87,6 +116,8 @@ impl Accel {
     /// Name, version and instruction set for people, for example `Embree 3.13.5, AVX-512`.
     pub fn description(&self) -> String {
         match self {
+            #[cfg(embree)]
+            Accel::Embree(a) => a.description(),
             Accel::Bvh(a) => a.description(),
         }
     }
