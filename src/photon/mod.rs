@@ -9,20 +9,24 @@
 
 mod build;
 pub mod direction;
+mod file;
 mod found;
 mod heap;
 mod kernel;
 mod map;
 mod order;
 mod packed;
+mod ply;
 mod query;
 mod simd;
 pub mod stackfree;
 #[cfg(test)]
 mod tests;
 
+pub use file::{MapFile, MapFileError, MapFileInfo};
 pub use kernel::{GAUSSIAN_ALPHA, GAUSSIAN_BETA, Kernel, hull_area};
 pub use map::PhotonMap;
 pub use order::{morton_code, morton_order};
 pub use packed::{Flags, MAX_COORDINATE, Photon, PhotonClass, PhotonRecord, Rejected};
+pub use ply::write_ply;
 pub use query::{KnnScratch, Neighbours};
