@@ -3,6 +3,8 @@
 //! Pixels are linear Rec. 709 `f32` triples. Whatever else a file holds (alpha, variance, depth) is an extra
 //! [`Channel`] with the name that EXR gives it: `A`, `variance.R`, `depth.Z`.
 
+mod compare;
+pub mod diff;
 mod error;
 mod exr;
 #[cfg(test)]
@@ -12,12 +14,15 @@ mod hdr;
 mod io;
 mod ldr;
 pub mod metrics;
+mod palette;
 mod pfm;
 
 use std::collections::BTreeMap;
 
+pub use compare::{Comparison, compare};
 pub use error::{ImageError, ImageErrorKind};
 pub use io::{Format, Limits, ReadOptions, WriteOptions, decode, encode, read, read_with, write};
+pub use palette::scale_color;
 
 use crate::color::Rgb;
 
