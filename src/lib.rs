@@ -4,7 +4,9 @@
 
 pub mod accel;
 pub mod bsdf;
+pub mod camera;
 pub mod color;
+pub mod film;
 pub mod geometry;
 pub mod image;
 pub mod light;

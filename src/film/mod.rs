@@ -1,0 +1,187 @@
+//! The film: weighted f64 sums per pixel, filled tile by tile in a fixed order so that no thread count shows.
+
+mod filter;
+#[cfg(test)]
+mod tests;
+mod tile;
+
+use glam::Vec2;
+
+pub use filter::{MAX_RADIUS, ReconstructionFilter};
+pub use tile::{FilmTile, TILE_SIZE};
+
+use crate::camera::FilmWindow;
+use crate::color::Rgb;
+use crate::image::Image;
+use tile::{Moments, Reach, Sum};
+
+/// Sums of weighted samples and of splats for every pixel of the crop window.
+#[derive(Clone, Debug)]
+pub struct Film {
+    window: FilmWindow,
+    filter: ReconstructionFilter,
+    sums: Vec<Sum>,
+    /// Sums of colours that came with their own weight, allocated with the first one.
+    splats: Vec<[f64; 3]>,
+    moments: Option<Vec<Moments>>,
+    splat_norm: f64,
+    non_finite: u64,
+}
+
+/// Splats of one batch of light paths, to be merged in the order of the batches.
+#[derive(Clone, Debug, Default)]
+pub struct SplatBuffer {
+    splats: Vec<(Vec2, Rgb)>,
+}
+
+impl SplatBuffer {
+    /// Adds `value` at a film position in pixels of the whole film.
+    #[inline]
+    pub fn push(&mut self, film_pos: Vec2, value: Rgb) {
+        self.splats.push((film_pos, value));
+    }
+
+    pub fn len(&self) -> usize {
+        self.splats.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.splats.is_empty()
+    }
+}
+
+impl Film {
+    /// An empty film over the crop window.
+    pub fn new(window: FilmWindow, filter: ReconstructionFilter) -> Self {
+        let pixels = window.crop_size.0 as usize * window.crop_size.1 as usize;
+        Self {
+            window,
+            filter,
+            sums: vec![Sum::default(); pixels],
+            splats: Vec::new(),
+            moments: None,
+            splat_norm: filter.integral().powi(-2),
+            non_finite: 0,
+        }
+    }
+
+    /// Also keeps the squares of each pixel's own samples, for [`Film::variance`].
+    pub fn with_moments(mut self) -> Self {
+        self.moments = Some(vec![Moments::default(); self.sums.len()]);
+        self
+    }
+
+    pub fn window(&self) -> FilmWindow {
+        self.window
+    }
+
+    pub fn filter(&self) -> ReconstructionFilter {
+        self.filter
+    }
+
+    /// Width and height of the picture: those of the crop window.
+    pub fn crop_size(&self) -> (u32, u32) {
+        self.window.crop_size
+    }
+
+    /// Samples and splats that were dropped because a channel was not finite.
+    pub fn non_finite(&self) -> u64 {
+        self.non_finite
+    }
+
+    /// Number of tiles that cover the crop window.
+    pub fn tile_count(&self) -> usize {
+        let (w, h) = self.crop_size();
+        w.div_ceil(TILE_SIZE) as usize * h.div_ceil(TILE_SIZE) as usize
+    }
+
+    /// An empty buffer for tile `index`, in rows from the top left.
+    pub fn tile(&self, index: usize) -> FilmTile {
+        let (w, h) = self.crop_size();
+        let columns = w.div_ceil(TILE_SIZE);
+        let (x, y) = (index as u32 % columns * TILE_SIZE, index as u32 / columns * TILE_SIZE);
+        let (x1, y1) = ((x + TILE_SIZE).min(w), (y + TILE_SIZE).min(h));
+        FilmTile::new(&self.window, self.filter, (x, y), (x1, y1), self.moments.is_some())
+    }
+
+    /// Adds a tile. Tiles must come in a fixed order for the sums to be the same bits every time.
+    pub fn merge(&mut self, tile: &FilmTile) {
+        let (w, h) = self.crop_size();
+        for (x, y, sum) in tile.sums() {
+            if (0..w as i32).contains(&x) && (0..h as i32).contains(&y) {
+                self.sums[y as usize * w as usize + x as usize] += *sum;
+            }
+        }
+        if let Some(moments) = &mut self.moments {
+            for (x, y, m) in tile.moments() {
+                moments[y as usize * w as usize + x as usize] += *m;
+            }
+        }
+        self.non_finite += tile.non_finite();
+    }
+
+    /// Adds one sample at a film position in pixels of the whole film; true unless it was dropped. For single-threaded
+    /// use: parallel code fills tiles.
+    pub fn add_sample(&mut self, film_pos: Vec2, value: Rgb) -> bool {
+        if !value.is_finite() {
+            self.non_finite += 1;
+            return false;
+        }
+        let (w, h) = self.crop_size();
+        let reach = Reach::new(&self.window, self.filter, film_pos);
+        reach.for_each((0, 0), (w as i32, h as i32), |x, y, weight| {
+            self.sums[y as usize * w as usize + x as usize].add(value, weight as f64);
+        });
+        if let (Some(moments), Some((x, y))) = (&mut self.moments, reach.own_pixel(w, h)) {
+            moments[y as usize * w as usize + x as usize].add(value);
+        }
+        true
+    }
+
+    /// Adds light at a film position without a sample's weight; true unless it was dropped. A pixel's value is the sum
+    /// of what falls on it, spread by the filter with its energy kept.
+    pub fn splat(&mut self, film_pos: Vec2, value: Rgb) -> bool {
+        if !value.is_finite() {
+            self.non_finite += 1;
+            return false;
+        }
+        let (w, h) = self.crop_size();
+        self.splats.resize(self.sums.len(), [0.0; 3]);
+        let (splats, norm) = (&mut self.splats, self.splat_norm);
+        Reach::new(&self.window, self.filter, film_pos).for_each((0, 0), (w as i32, h as i32), |x, y, weight| {
+            let pixel = &mut splats[y as usize * w as usize + x as usize];
+            for (sum, v) in pixel.iter_mut().zip(value.to_array()) {
+                *sum += norm * weight as f64 * v as f64;
+            }
+        });
+        true
+    }
+
+    /// Adds a batch of splats. Batches must come in a fixed order.
+    pub fn merge_splats(&mut self, batch: &SplatBuffer) {
+        for &(film_pos, value) in &batch.splats {
+            self.splat(film_pos, value);
+        }
+    }
+
+    /// The picture: weighted means of the samples plus `splat_scale` times the splats. Pixels without samples are black.
+    pub fn develop(&self, splat_scale: f64) -> Image {
+        let (w, h) = self.crop_size();
+        let pixel = |i: usize| {
+            let mut c = self.sums[i].mean();
+            if let Some(splat) = self.splats.get(i) {
+                for (c, s) in c.iter_mut().zip(splat) {
+                    *c += splat_scale * s;
+                }
+            }
+            Rgb::from(c.map(|v| v as f32))
+        };
+        Image::rgb(w, h, (0..self.sums.len()).map(pixel).collect())
+    }
+
+    /// Variance of each pixel's mean, from its own samples alone (not those that the filter brings from its neighbours).
+    /// `None` without [`Film::with_moments`].
+    pub fn variance(&self) -> Option<Vec<Rgb>> {
+        self.moments.as_ref().map(|m| m.iter().map(Moments::variance_of_mean).collect())
+    }
+}

@@ -1,0 +1,227 @@
+use std::ops::AddAssign;
+
+use arrayvec::ArrayVec;
+use glam::Vec2;
+
+use super::{MAX_RADIUS, ReconstructionFilter};
+use crate::camera::FilmWindow;
+use crate::color::Rgb;
+
+/// Side of a tile in pixels. Part of the promise of equal bits: changing it changes the order of sums.
+pub const TILE_SIZE: u32 = 16;
+
+/// Most pixels in a row that one sample reaches.
+const MAX_REACH: usize = 2 * MAX_RADIUS as usize + 1;
+
+/// A weighted sum of colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Sum {
+    rgb: [f64; 3],
+    weight: f64,
+}
+
+impl Sum {
+    #[inline]
+    pub fn add(&mut self, value: Rgb, weight: f64) {
+        for (sum, v) in self.rgb.iter_mut().zip(value.to_array()) {
+            *sum += weight * v as f64;
+        }
+        self.weight += weight;
+    }
+
+    /// Black without weight.
+    pub fn mean(&self) -> [f64; 3] {
+        if self.weight != 0.0 { self.rgb.map(|v| v / self.weight) } else { [0.0; 3] }
+    }
+}
+
+impl AddAssign for Sum {
+    fn add_assign(&mut self, o: Self) {
+        for (sum, v) in self.rgb.iter_mut().zip(o.rgb) {
+            *sum += v;
+        }
+        self.weight += o.weight;
+    }
+}
+
+/// Count, sum and sum of squares of a pixel's own samples.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Moments {
+    count: u64,
+    sum: [f64; 3],
+    square: [f64; 3],
+}
+
+impl Moments {
+    pub fn add(&mut self, value: Rgb) {
+        self.count += 1;
+        for (c, v) in value.to_array().into_iter().enumerate() {
+            self.sum[c] += v as f64;
+            self.square[c] += v as f64 * v as f64;
+        }
+    }
+
+    /// 0 with fewer than two samples.
+    pub fn variance_of_mean(&self) -> Rgb {
+        if self.count < 2 {
+            return Rgb::BLACK;
+        }
+        let n = self.count as f64;
+        let channel = |c: usize| {
+            let mean = self.sum[c] / n;
+            ((self.square[c] / n - mean * mean).max(0.0) / (n - 1.0)) as f32
+        };
+        Rgb::new(channel(0), channel(1), channel(2))
+    }
+}
+
+impl AddAssign for Moments {
+    fn add_assign(&mut self, o: Self) {
+        self.count += o.count;
+        for c in 0..3 {
+            self.sum[c] += o.sum[c];
+            self.square[c] += o.square[c];
+        }
+    }
+}
+
+/// The pixels around a sample and their weights, in coordinates of the crop window.
+pub(super) struct Reach {
+    /// The sample in pixels from the corner of the crop window.
+    at: Vec2,
+    filter: ReconstructionFilter,
+}
+
+impl Reach {
+    #[inline]
+    pub fn new(window: &FilmWindow, filter: ReconstructionFilter, film_pos: Vec2) -> Self {
+        let at = film_pos - Vec2::new(window.crop_offset.0 as f32, window.crop_offset.1 as f32);
+        Self { at, filter }
+    }
+
+    /// The pixel that contains the sample, if it lies in a window of the given size.
+    #[inline]
+    pub fn own_pixel(&self, width: u32, height: u32) -> Option<(i32, i32)> {
+        let (x, y) = (self.at.x.floor() as i32, self.at.y.floor() as i32);
+        ((0..width as i32).contains(&x) && (0..height as i32).contains(&y)).then_some((x, y))
+    }
+
+    /// Calls `f(x, y, weight)` for the pixels with weight in `low..high`.
+    #[inline]
+    pub fn for_each(&self, low: (i32, i32), high: (i32, i32), mut f: impl FnMut(i32, i32, f32)) {
+        if self.filter == ReconstructionFilter::Box {
+            let (x, y) = (self.at.x.floor() as i32, self.at.y.floor() as i32);
+            if (low.0..high.0).contains(&x) && (low.1..high.1).contains(&y) {
+                f(x, y, 1.0);
+            }
+            return;
+        }
+        let (x0, wx) = self.weights(self.at.x, low.0, high.0);
+        let (y0, wy) = self.weights(self.at.y, low.1, high.1);
+        for (y, wy) in (y0..).zip(&wy) {
+            for (x, wx) in (x0..).zip(&wx) {
+                f(x, y, wx * wy);
+            }
+        }
+    }
+
+    /// The first pixel in `low..high` within reach of `x` along one axis, and the weights from there on.
+    fn weights(&self, x: f32, low: i32, high: i32) -> (i32, ArrayVec<f32, MAX_REACH>) {
+        let r = self.filter.radius();
+        let first = ((x - 0.5 - r).ceil() as i32).max(low);
+        let last = ((x - 0.5 + r).floor() as i32).min(high - 1);
+        let weights = (first..=last).take(MAX_REACH).map(|i| self.filter.eval(i as f32 + 0.5 - x)).collect();
+        (first, weights)
+    }
+}
+
+/// The samples of one tile, with a border as wide as the filter reaches.
+#[derive(Clone, Debug)]
+pub struct FilmTile {
+    window: FilmWindow,
+    filter: ReconstructionFilter,
+    /// Pixels of the tile itself, in the crop window; the end is exclusive.
+    low: (u32, u32),
+    high: (u32, u32),
+    border: i32,
+    sums: Vec<Sum>,
+    moments: Option<Vec<Moments>>,
+    non_finite: u64,
+}
+
+impl FilmTile {
+    pub(super) fn new(
+        window: &FilmWindow,
+        filter: ReconstructionFilter,
+        low: (u32, u32),
+        high: (u32, u32),
+        moments: bool,
+    ) -> Self {
+        let border = (filter.radius() - 0.5).max(0.0).ceil() as i32;
+        let (w, h) = ((high.0 - low.0) as usize, (high.1 - low.1) as usize);
+        let sums = vec![Sum::default(); (w + 2 * border as usize) * (h + 2 * border as usize)];
+        let moments = moments.then(|| vec![Moments::default(); w * h]);
+        Self { window: *window, filter, low, high, border, sums, moments, non_finite: 0 }
+    }
+
+    /// The pixels to render, row by row, as integer coordinates in the whole film.
+    pub fn pixels(&self) -> impl Iterator<Item = (u32, u32)> + use<> {
+        let (ox, oy) = self.window.crop_offset;
+        let (low, high) = (self.low, self.high);
+        (low.1..high.1).flat_map(move |y| (low.0..high.0).map(move |x| (x + ox, y + oy)))
+    }
+
+    /// Samples dropped because a channel was not finite.
+    pub fn non_finite(&self) -> u64 {
+        self.non_finite
+    }
+
+    /// Adds a sample at a film position in pixels of the whole film; true unless it was dropped.
+    #[inline]
+    pub fn add_sample(&mut self, film_pos: Vec2, value: Rgb) -> bool {
+        if !value.is_finite() {
+            self.non_finite += 1;
+            return false;
+        }
+        let (low, high, width) = self.extent();
+        let reach = Reach::new(&self.window, self.filter, film_pos);
+        reach.for_each(low, high, |x, y, weight| {
+            self.sums[(y - low.1) as usize * width + (x - low.0) as usize].add(value, weight as f64);
+        });
+        if let Some(moments) = &mut self.moments
+            && let Some((x, y)) = reach.own_pixel(self.high.0, self.high.1)
+            && x >= self.low.0 as i32
+            && y >= self.low.1 as i32
+        {
+            let width = (self.high.0 - self.low.0) as usize;
+            moments[(y as u32 - self.low.1) as usize * width + (x as u32 - self.low.0) as usize].add(value);
+        }
+        true
+    }
+
+    /// Corners of the buffer in the crop window, and its width.
+    fn extent(&self) -> ((i32, i32), (i32, i32), usize) {
+        let low = (self.low.0 as i32 - self.border, self.low.1 as i32 - self.border);
+        let high = (self.high.0 as i32 + self.border, self.high.1 as i32 + self.border);
+        (low, high, (high.0 - low.0) as usize)
+    }
+
+    pub(super) fn sums(&self) -> impl Iterator<Item = (i32, i32, &Sum)> {
+        let (low, _, width) = self.extent();
+        let place = move |i: usize| (low.0 + (i % width) as i32, low.1 + (i / width) as i32);
+        self.sums.iter().enumerate().map(move |(i, sum)| {
+            let (x, y) = place(i);
+            (x, y, sum)
+        })
+    }
+
+    pub(super) fn moments(&self) -> impl Iterator<Item = (u32, u32, &Moments)> {
+        let width = (self.high.0 - self.low.0) as usize;
+        let low = self.low;
+        let place = move |i: usize| (low.0 + (i % width) as u32, low.1 + (i / width) as u32);
+        self.moments.iter().flatten().enumerate().map(move |(i, m)| {
+            let (x, y) = place(i);
+            (x, y, m)
+        })
+    }
+}
