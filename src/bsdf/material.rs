@@ -55,7 +55,7 @@ impl Material {
     }
 
     /// Materials that this one refers to.
-    fn children(&self) -> Vec<MaterialId> {
+    pub fn children(&self) -> Vec<MaterialId> {
         match self {
             Self::TwoSided { front, back } => vec![*front, *back],
             Self::Mask { nested, .. } => vec![*nested],

@@ -1,9 +1,20 @@
-//! From a scene file to a validated, immutable [`Scene`](crate::scene): the description and its errors.
+//! From a scene file to a validated, immutable [`Scene`]: the description and its errors.
 //!
-//! [`xml`] turns Mitsuba's XML language into a typed tree with source positions; [`mesh_io`] reads mesh files.
+//! [`xml`] turns Mitsuba's XML language into a typed tree with source positions; `load` gives the tree its meaning;
+//! [`mesh_io`] reads mesh files.
 
 mod error;
+mod load;
 pub mod mesh_io;
+#[expect(clippy::module_inception)]
+mod scene;
+mod settings;
 pub mod xml;
 
 pub use error::{Position, SceneError};
+pub use load::ToScene;
+pub use scene::{LoadOptions, Scene, SceneStats};
+pub use settings::{FilmSettings, IntegratorSettings, ParamValue, SamplerSettings};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,328 @@
+//! Puts a scene together: read everything, find its box, move it there, build what answers rays.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::super::xml::{Document, NodeId, Query, Tag};
+use super::super::{LoadOptions, Position, Scene, SceneError, SceneStats};
+use super::sensors::View;
+use super::shapes::{ShapeDesc, invertible};
+use super::{Loader, ToScene, integrators, not_yet};
+use crate::accel::Accel;
+use crate::bsdf::{self, MaterialError, MaterialId};
+use crate::geometry::{GeometrySet, Instance, Shape};
+use crate::light::{AreaLight, Light, LightContext, LightSelector};
+use crate::math::{Bounds3, Transform};
+
+type Box64 = Option<(DVec3, DVec3)>;
+
+fn join(a: Box64, b: Box64) -> Box64 {
+    match (a, b) {
+        (Some(a), Some(b)) => Some((a.0.min(b.0), a.1.max(b.1))),
+        (a, b) => a.or(b),
+    }
+}
+
+/// Shapes that exist only through instances.
+struct Group<'d> {
+    shapes: Vec<ShapeDesc<'d>>,
+    bounds: Box64,
+}
+
+struct InstanceDesc {
+    group: usize,
+    to_world: Transform,
+    pos: Position,
+}
+
+/// All shapes of a scene in its own world.
+#[derive(Default)]
+struct World<'d> {
+    shapes: Vec<ShapeDesc<'d>>,
+    groups: Vec<Group<'d>>,
+    group_ids: HashMap<NodeId, usize>,
+    instances: Vec<InstanceDesc>,
+}
+
+/// Geometry with what belongs to each of its shapes.
+#[derive(Default)]
+struct Placed<'d> {
+    set: GeometrySet,
+    materials: Vec<MaterialId>,
+    emitters: Vec<Option<&'d super::super::xml::Child>>,
+}
+
+/// Builds the scene that a document describes.
+pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> {
+    let mut loader = Loader::new(doc);
+    let root = Query::new(doc, doc.root());
+    refuse_media(doc, &root)?;
+    let integrator = integrators::of_scene(&root)?;
+    let mut stats = SceneStats::default();
+
+    // Read all that is declared, used or not, so that every mistake is told.
+    for child in root.children(Tag::Bsdf) {
+        loader.material(child.node)?;
+    }
+    for child in root.children(Tag::Texture) {
+        loader.declared_texture(child)?;
+    }
+    let mut world = World::default();
+    for child in root.children(Tag::Shape) {
+        loader.add_shape(Query::new(doc, child.node), &mut world)?;
+    }
+    let emitters = root.children(Tag::Emitter);
+    let sensors = root.children(Tag::Sensor);
+    root.finish()?;
+
+    // Move everything into the unit box.
+    let to_scene = match world.bounds() {
+        Some((min, max)) => ToScene::of_box(min, max),
+        None => ToScene { center: DVec3::ZERO, scale: 1.0 },
+    };
+    let placed = loader.place(world, &to_scene, &mut stats)?;
+    loader.check_materials()?;
+    let geometry = Arc::new(placed.set);
+    let bounds = match geometry.bounds() {
+        b if b.is_empty() => Bounds3::new(glam::Vec3::splat(-0.5), glam::Vec3::splat(0.5)),
+        b => b,
+    };
+    let scene_sphere = scene_sphere(&bounds);
+    let view = View { to_scene: &to_scene, bounds };
+    let sensor = loader.sensor(&sensors, &view, options)?;
+
+    // Lights on shapes first, then those that stand alone, both in the order of the file.
+    let mut lights = Vec::new();
+    let mut shape_lights = vec![None; geometry.shapes.len()];
+    for (shape, emitter) in placed.emitters.iter().enumerate() {
+        if let Some(child) = emitter {
+            shape_lights[shape] = Some(lights.len() as u32);
+            let radiance = loader.area_radiance(child)?;
+            lights.push(Light::Area(AreaLight::new(&geometry, &loader.textures, shape as u32, radiance)));
+        }
+    }
+    let mut environment = None;
+    for child in emitters {
+        let light = loader.emitter(child, &to_scene, &geometry)?;
+        if light.is_environment() && environment.replace(lights.len() as u32).is_some() {
+            return Err(SceneError::at(&child.pos, "a second environment light")
+                .help("a scene has at most one envmap or constant emitter"));
+        }
+        lights.push(light);
+    }
+    let context = LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere };
+    let selector = LightSelector::new(lights.iter().map(|l| l.power(&context)));
+
+    let accel = Accel::build(options.accel, geometry.clone())
+        .map_err(|e| SceneError::at(&doc.node(doc.root()).pos, e.to_string()))?;
+    Ok(Scene {
+        accel,
+        shape_materials: placed.materials,
+        shape_lights,
+        lights,
+        environment,
+        selector,
+        camera: sensor.camera,
+        film: sensor.film,
+        sampler: sensor.sampler,
+        integrator,
+        bounds,
+        scene_sphere,
+        to_scene,
+        stats,
+        hash: doc.hash().to_hex().to_string(),
+        warnings: doc.warnings(),
+        materials: loader.materials,
+        textures: loader.textures,
+        geometry,
+    })
+}
+
+/// A sphere around the box, a little larger so that rounding leaves no corner outside.
+fn scene_sphere(bounds: &Bounds3) -> (glam::Vec3, f32) {
+    let (center, radius) = bounds.bounding_sphere();
+    (center, (radius * (1.0 + 1e-5)).max(1e-6))
+}
+
+fn refuse_media(doc: &Document, root: &Query) -> Result<(), SceneError> {
+    let medium = root
+        .node()
+        .children
+        .iter()
+        .find(|c| matches!(doc.node(c.node).tag, Tag::Medium | Tag::Volume | Tag::Phase | Tag::Subsurface));
+    medium.map_or(Ok(()), |c| Err(not_yet(&c.pos, doc.node(c.node))))
+}
+
+impl World<'_> {
+    fn bounds(&self) -> Box64 {
+        let shapes = self.shapes.iter().map(ShapeDesc::bounds);
+        let instances = self.instances.iter().map(|i| {
+            let (min, max) = self.groups[i.group].bounds?;
+            let corner = |k: usize| {
+                let pick = |bit: usize, lo: f64, hi: f64| if k & bit == 0 { lo } else { hi };
+                DVec3::new(pick(1, min.x, max.x), pick(2, min.y, max.y), pick(4, min.z, max.z))
+            };
+            (0..8).map(|k| i.to_world.point_f64(corner(k))).fold(None, |b, p| join(b, Some((p, p))))
+        });
+        shapes.chain(instances).fold(None, join)
+    }
+}
+
+impl<'d> Loader<'d> {
+    /// Adds a shape, group or instance that stands in the scene.
+    fn add_shape(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<(), SceneError> {
+        match q.plugin() {
+            "shapegroup" => self.group(q, world).map(|_| ()),
+            "instance" => self.instance(q, world),
+            _ => {
+                world.shapes.push(self.bounded_shape(q)?);
+                Ok(())
+            }
+        }
+    }
+
+    /// A shape whose box is finite.
+    fn bounded_shape(&mut self, q: Query<'d>) -> Result<ShapeDesc<'d>, SceneError> {
+        let desc = self.shape(q)?;
+        match desc.bounds() {
+            Some((min, max)) if !(min.is_finite() && max.is_finite() && (max - min).is_finite()) => {
+                Err(SceneError::at(&desc.pos, "the shape reaches to infinity").help("check to_world and the vertices"))
+            }
+            _ => Ok(desc),
+        }
+    }
+
+    fn group(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<usize, SceneError> {
+        if let Some(&group) = world.group_ids.get(&q.id()) {
+            return Ok(group);
+        }
+        let id = q.id();
+        let mut shapes = Vec::new();
+        for child in q.children(Tag::Shape) {
+            let inner = Query::new(self.doc, child.node);
+            if matches!(inner.plugin(), "shapegroup" | "instance") {
+                return Err(SceneError::at(&child.pos, format!("a {} inside of a shapegroup", inner.plugin()))
+                    .help("groups hold plain shapes only"));
+            }
+            let desc = self.bounded_shape(inner)?;
+            if let Some(emitter) = desc.emitter {
+                return Err(SceneError::at(&emitter.pos, "an emitter inside of a shapegroup")
+                    .help("lights cannot be instanced; put the emitting shape into the scene"));
+            }
+            shapes.push(desc);
+        }
+        if shapes.is_empty() {
+            return Err(q.error("the shapegroup is empty").help("put a <shape> into it"));
+        }
+        q.finish()?;
+        let bounds = shapes.iter().map(ShapeDesc::bounds).fold(None, join);
+        world.groups.push(Group { shapes, bounds });
+        world.group_ids.insert(id, world.groups.len() - 1);
+        Ok(world.groups.len() - 1)
+    }
+
+    fn instance(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<(), SceneError> {
+        let to_world = invertible(&q, "to_world", q.transform("to_world")?)?;
+        let help = "put <ref id=\"…\"/> to a shapegroup into it";
+        let Some(child) = q.child(Tag::Shape)? else {
+            return Err(q.error("the instance holds no shapegroup").help(help));
+        };
+        let inner = Query::new(self.doc, child.node);
+        if inner.plugin() != "shapegroup" {
+            let message = format!("the instance holds a {}", inner.plugin());
+            return Err(SceneError::at(&child.pos, message).help(help));
+        }
+        let group = self.group(inner, world)?;
+        world.instances.push(InstanceDesc { group, to_world, pos: q.node().pos.clone() });
+        q.finish()
+    }
+
+    /// Moves the world into the scene's box, and every group into a box of its own.
+    fn place(&self, world: World<'d>, to_scene: &ToScene, stats: &mut SceneStats) -> Result<Placed<'d>, SceneError> {
+        let mut placed = Placed::default();
+        let map = similarity(to_scene);
+        for desc in world.shapes {
+            let shape = self.place_shape(desc, &map, &mut placed, stats)?;
+            placed.set.top.push(shape);
+        }
+        let mut group_maps = Vec::new();
+        for group in world.groups {
+            let (min, max) = group.bounds.unwrap_or_default();
+            let map = similarity(&ToScene::of_box(min, max));
+            let mut shapes = Vec::new();
+            for desc in group.shapes {
+                shapes.push(self.place_shape(desc, &map, &mut placed, stats)?);
+            }
+            placed.set.groups.push(shapes);
+            group_maps.push(map);
+        }
+        for i in world.instances {
+            let to_world = map.after(&i.to_world).after(&group_maps[i.group].inverse());
+            if !to_world.matrix().as_mat4().is_finite() {
+                return Err(SceneError::at(&i.pos, "the instance's transform exceeds the range of floats")
+                    .help("check to_world"));
+            }
+            placed.set.instances.push(Instance { group: i.group as u32, to_world });
+        }
+        stats.shapes = placed.set.shapes.len() as u64;
+        stats.instances = placed.set.instances.len() as u64;
+        Ok(placed)
+    }
+
+    fn place_shape(
+        &self,
+        desc: ShapeDesc<'d>,
+        map: &Transform,
+        placed: &mut Placed<'d>,
+        stats: &mut SceneStats,
+    ) -> Result<u32, SceneError> {
+        let (material, emitter, pos) = (desc.material, desc.emitter, desc.pos.clone());
+        let nodes = [desc.material_node, emitter.map(|e| e.node)];
+        let shape = desc.finish(map, stats)?;
+        for node in nodes.into_iter().flatten() {
+            self.check_attributes(node, &shape, &pos)?;
+        }
+        placed.set.shapes.push(shape);
+        placed.materials.push(material);
+        placed.emitters.push(emitter);
+        Ok(placed.set.shapes.len() as u32 - 1)
+    }
+
+    /// A mesh attribute must exist on the shapes that look it up.
+    fn check_attributes(&self, node: NodeId, shape: &Shape, pos: &Position) -> Result<(), SceneError> {
+        let known: Vec<&str> = match shape {
+            Shape::Mesh(mesh) => mesh.attributes.iter().map(|a| a.name.as_str()).collect(),
+            _ => Vec::new(),
+        };
+        match self.attributes_below(node).into_iter().find(|a| !known.contains(&a.name.as_str())) {
+            None => Ok(()),
+            Some(missing) => {
+                let message = format!("the shape at {pos} has no attribute \"{}\"", missing.name);
+                let error = SceneError::at(&missing.pos, message);
+                Err(if known.is_empty() {
+                    error.help("attributes are named vertex_… and face_… and come from a ply file")
+                } else {
+                    error.suggest(&missing.name, &known)
+                })
+            }
+        }
+    }
+
+    /// What evaluation relies on, told at the material that breaks it.
+    fn check_materials(&self) -> Result<(), SceneError> {
+        let Err(error) = bsdf::check(&self.materials) else { return Ok(()) };
+        let id = match &error {
+            MaterialError::Missing(id) | MaterialError::Cycle(id) | MaterialError::TransmissiveTwoSided(id) => *id,
+            MaterialError::TooManyLobes { id, .. } => *id,
+        };
+        let node = self.material_nodes.get(id.0 as usize).copied().flatten().unwrap_or(self.doc.root());
+        Err(SceneError::at(&self.doc.node(node).pos, error.to_string()))
+    }
+}
+
+/// The map of a box as a transform; it always has an inverse.
+fn similarity(to_scene: &ToScene) -> Transform {
+    Transform::new(to_scene.matrix()).expect("a translation and a power of two have an inverse")
+}
