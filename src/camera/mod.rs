@@ -17,35 +17,9 @@ use glam::{Mat3, Vec2, Vec3};
 pub use lens::{FovAxis, fov_from_focal_length};
 
 use crate::geometry::Ray;
+pub use crate::image::FilmWindow;
 use crate::math::Transform;
 use crate::sample::warp;
-
-/// The film as the camera sees it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FilmWindow {
-    /// Width and height of the whole film in pixels.
-    pub size: (u32, u32),
-    pub crop_offset: (u32, u32),
-    pub crop_size: (u32, u32),
-}
-
-impl FilmWindow {
-    /// The whole film.
-    pub fn full(width: u32, height: u32) -> Self {
-        Self { size: (width, height), crop_offset: (0, 0), crop_size: (width, height) }
-    }
-
-    /// Width over height of the whole film.
-    pub fn aspect(&self) -> f64 {
-        self.size.0 as f64 / self.size.1 as f64
-    }
-
-    fn contains(&self, p: Vec2) -> bool {
-        let low = Vec2::new(self.crop_offset.0 as f32, self.crop_offset.1 as f32);
-        let high = low + Vec2::new(self.crop_size.0 as f32, self.crop_size.1 as f32);
-        p.cmpge(low).all() && p.cmplt(high).all()
-    }
-}
 
 /// A thin lens; without it a perspective camera is a pinhole.
 #[derive(Clone, Copy, Debug, PartialEq)]

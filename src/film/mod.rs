@@ -10,9 +10,8 @@ use glam::Vec2;
 pub use filter::{MAX_RADIUS, ReconstructionFilter};
 pub use tile::{FilmTile, TILE_SIZE};
 
-use crate::camera::FilmWindow;
 use crate::color::Rgb;
-use crate::image::Image;
+use crate::image::{FilmWindow, Image};
 use tile::{Moments, Reach, Sum};
 
 /// Sums of weighted samples and of splats for every pixel of the crop window.

@@ -4,8 +4,8 @@ use arrayvec::ArrayVec;
 use glam::Vec2;
 
 use super::{MAX_RADIUS, ReconstructionFilter};
-use crate::camera::FilmWindow;
 use crate::color::Rgb;
+use crate::image::FilmWindow;
 
 /// Side of a tile in pixels. Part of the promise of equal bits: changing it changes the order of sums.
 pub const TILE_SIZE: u32 = 16;

@@ -16,6 +16,7 @@ mod ldr;
 pub mod metrics;
 mod palette;
 mod pfm;
+mod window;
 
 use std::collections::BTreeMap;
 
@@ -23,6 +24,7 @@ pub use compare::{Comparison, compare};
 pub use error::{ImageError, ImageErrorKind};
 pub use io::{Format, Limits, ReadOptions, WriteOptions, decode, encode, read, read_with, write};
 pub use palette::scale_color;
+pub use window::FilmWindow;
 
 use crate::color::Rgb;
 
