@@ -1,3 +1,7 @@
 //! The `caustica` command.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    caustica::cli::main()
+}

@@ -78,6 +78,12 @@ impl Instance {
 }
 
 impl GeometrySet {
+    /// Heap bytes of all mesh buffers.
+    pub fn memory(&self) -> usize {
+        let mesh = |s: &Shape| if let Shape::Mesh(m) = s { m.memory() } else { 0 };
+        self.shapes.iter().map(mesh).sum::<usize>() + size_of_val(&self.shapes[..]) + size_of_val(&self.instances[..])
+    }
+
     /// The box of one shape, in scene space or in its group's space.
     pub fn shape_bounds(&self, shape: u32) -> Bounds3 {
         self.shapes[shape as usize].bounds()

@@ -1,0 +1,169 @@
+//! Arguments as typed.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::accel::AccelKind;
+
+/// A photon-mapping renderer for the CPU that reads Mitsuba scene files.
+#[derive(Debug, Parser)]
+#[command(name = "caustica", version, arg_required_else_help = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Render a scene file to an image.
+    Render(Box<RenderArgs>),
+    /// Measure how far one image is from another.
+    Compare(CompareArgs),
+    /// Say what a scene file holds and what would render it.
+    Info(InfoArgs),
+}
+
+/// The ray-query back end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum AccelArg {
+    /// Embree where it is built in, else the Rust BVH.
+    #[default]
+    Auto,
+    Embree,
+    Bvh,
+}
+
+impl From<AccelArg> for AccelKind {
+    fn from(a: AccelArg) -> Self {
+        match a {
+            AccelArg::Auto => AccelKind::Auto,
+            AccelArg::Embree => AccelKind::Embree,
+            AccelArg::Bvh => AccelKind::Bvh,
+        }
+    }
+}
+
+/// What every command that reads a scene takes.
+#[derive(Debug, Args)]
+pub struct SceneArgs {
+    /// Mitsuba scene file (XML).
+    pub scene: PathBuf,
+    /// Override a `<default>` of the scene file; may be given many times.
+    #[arg(short = 'D', long = "define", value_name = "KEY=VALUE", value_parser = key_value)]
+    pub defines: Vec<(String, String)>,
+    /// Ray-query back end.
+    #[arg(long, value_enum, default_value_t)]
+    pub accel: AccelArg,
+    /// Film width in pixels; the height follows if it is not given.
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub width: Option<u32>,
+    /// Film height in pixels; the width follows if it is not given.
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub height: Option<u32>,
+    /// Worker threads; by default one for each processor.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Option<u32>,
+}
+
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Image to write (.exr, .png, .hdr, .pfm); may be given many times. Default: the scene's name with .exr.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+    /// Integrator, in place of the scene's: path, direct, photonmapper.
+    #[arg(long, value_name = "NAME")]
+    pub integrator: Option<String>,
+    /// Samples per pixel, in place of the scene's.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 32))]
+    pub spp: Option<u64>,
+    /// Photons wanted in each photon map, in place of the scene's.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=1 << 32))]
+    pub photons: Option<u64>,
+    /// Passes to share the samples among; photon maps are made anew for each.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 32))]
+    pub passes: Option<u64>,
+    /// Stop after the pass that is running when this time is over, for example 30s or 5min.
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub time: Option<Duration>,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Exposure of .png output in stops.
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub exposure: f32,
+    /// Write .exr with 32-bit floats rather than 16-bit ones.
+    #[arg(long)]
+    pub float: bool,
+    /// Print nothing but errors.
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Print one JSON object at the end instead of text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// Image to judge.
+    pub image: PathBuf,
+    /// Image to judge it by.
+    pub reference: PathBuf,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn key_value(s: &str) -> Result<(String, String), String> {
+    match s.split_once('=') {
+        Some((k, v)) if !k.is_empty() => Ok((k.to_owned(), v.to_owned())),
+        _ => Err(format!("found {s:?}, expected KEY=VALUE, for example -D spp=64")),
+    }
+}
+
+/// `90`, `90s`, `1.5min`, `2h`, `500ms`.
+fn duration(s: &str) -> Result<Duration, String> {
+    let expected = || format!("found {s:?}, expected a number with ms, s, min or h behind it, for example 30s");
+    let split = s.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(s.len());
+    let (number, unit) = s.split_at(split);
+    let number: f64 = number.parse().map_err(|_| expected())?;
+    let seconds = match unit.trim() {
+        "ms" => 1e-3,
+        "" | "s" => 1.0,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err(expected()),
+    };
+    Duration::try_from_secs_f64(number * seconds).map_err(|_| expected())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn durations() {
+        assert_eq!(duration("30s"), Ok(Duration::from_secs(30)));
+        assert_eq!(duration("1.5min"), Ok(Duration::from_secs(90)));
+        assert_eq!(duration("250ms"), Ok(Duration::from_millis(250)));
+        assert!(duration("soon").is_err() && duration("1 day").is_err() && duration("").is_err());
+    }
+}

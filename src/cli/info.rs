@@ -1,0 +1,73 @@
+//! `caustica info`.
+
+use serde::Serialize;
+
+use super::args::InfoArgs;
+use super::{CliError, bytes, human, print};
+
+#[derive(Serialize)]
+struct Info {
+    scene: String,
+    scene_hash: String,
+    accel: String,
+    integrator: String,
+    spp: u64,
+    width: u32,
+    height: u32,
+    shapes: usize,
+    instances: usize,
+    triangles: u64,
+    dropped_triangles: u64,
+    lights: usize,
+    materials: usize,
+    textures: usize,
+    geometry_memory: usize,
+    accel_memory: usize,
+    warnings: Vec<String>,
+}
+
+pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
+    super::set_threads(a.scene.threads)?;
+    let scene = super::load_scene(&a.scene)?;
+    let info = Info {
+        scene: a.scene.scene.display().to_string(),
+        scene_hash: scene.hash.clone(),
+        accel: scene.accel.description(),
+        integrator: scene.integrator.name.clone(),
+        spp: scene.sampler.spp,
+        width: scene.film.width,
+        height: scene.film.height,
+        shapes: scene.geometry.shapes.len(),
+        instances: scene.geometry.instances.len(),
+        triangles: scene.stats.triangles as u64,
+        dropped_triangles: scene.stats.dropped_triangles as u64,
+        lights: scene.lights.len(),
+        materials: scene.materials.len(),
+        textures: scene.textures.len(),
+        geometry_memory: scene.geometry.memory(),
+        accel_memory: scene.accel.memory(),
+        warnings: scene.warnings.iter().map(ToString::to_string).collect(),
+    };
+    if a.json {
+        let text = serde_json::to_string_pretty(&info).map_err(|e| CliError::Failed(e.to_string()))?;
+        print(&text);
+        return Ok(0);
+    }
+    print(&format!("scene       {} (hash {})", info.scene, &info.scene_hash[..info.scene_hash.len().min(16)]));
+    print(&format!("ray queries {}", info.accel));
+    print(&format!("integrator  {}, {} samples per pixel", info.integrator, info.spp));
+    print(&format!("film        {} x {}", info.width, info.height));
+    print(&format!(
+        "geometry    {} shapes, {} instances, {} triangles ({} without area dropped)",
+        info.shapes,
+        info.instances,
+        human(info.triangles as f64),
+        info.dropped_triangles
+    ));
+    print(&format!("content     {} lights, {} materials, {} textures", info.lights, info.materials, info.textures));
+    print(&format!("memory      {} geometry, {} ray queries", bytes(info.geometry_memory), bytes(info.accel_memory)));
+    for w in &info.warnings {
+        print(&format!("warning     {w}"));
+    }
+    Ok(0)
+}

@@ -1,0 +1,122 @@
+//! The command line: the only place that prints, reads arguments or exits.
+
+mod args;
+mod compare;
+mod info;
+mod progress;
+mod render;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use crate::image::ImageError;
+use crate::render::PlanError;
+use crate::scene::SceneError;
+
+/// Exit code of bad usage and bad scenes.
+const BAD_INPUT: u8 = 2;
+/// Exit code of a run that failed.
+const FAILED: u8 = 1;
+/// Exit code after Ctrl-C, once the image so far is written.
+const INTERRUPTED: u8 = 130;
+
+/// Why a command did not succeed.
+#[derive(Debug, thiserror::Error)]
+enum CliError {
+    #[error("{0}")]
+    Scene(#[from] SceneError),
+    #[error("{0}")]
+    Plan(#[from] PlanError),
+    #[error("{0}")]
+    Input(ImageError),
+    #[error("{0}")]
+    Output(ImageError),
+    #[error("{}: unknown image format; use a name that ends in .exr, .png, .hdr or .pfm", .0.display())]
+    UnknownFormat(PathBuf),
+    #[error("{0}")]
+    Usage(String),
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl CliError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            CliError::Scene(_)
+            | CliError::Plan(_)
+            | CliError::Input(_)
+            | CliError::UnknownFormat(_)
+            | CliError::Usage(_) => BAD_INPUT,
+            CliError::Output(_) | CliError::Failed(_) => FAILED,
+        }
+    }
+}
+
+/// Reads the arguments, runs the command, says what went wrong.
+pub fn main() -> ExitCode {
+    let cli = args::Cli::parse();
+    let result = match cli.command {
+        args::Command::Render(a) => render::run(&a),
+        args::Command::Compare(a) => compare::run(&a),
+        args::Command::Info(a) => info::run(&a),
+    };
+    match result {
+        Ok(code) => ExitCode::from(code),
+        Err(e) => {
+            eprintln!("caustica: error: {e}");
+            ExitCode::from(e.exit_code())
+        }
+    }
+}
+
+/// Sets the number of worker threads.
+fn set_threads(threads: Option<u32>) -> Result<(), CliError> {
+    let Some(threads) = threads else { return Ok(()) };
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads as usize)
+        .build_global()
+        .map_err(|e| CliError::Failed(format!("cannot start {threads} threads: {e}")))
+}
+
+/// Prints to standard output; a closed pipe ends the program quietly.
+fn print(text: &str) {
+    use std::io::Write;
+    let mut out = std::io::stdout().lock();
+    if writeln!(out, "{text}").and_then(|()| out.flush()).is_err() {
+        std::process::exit(0);
+    }
+}
+
+/// The scene as loaded with the options that every command has.
+fn load_scene(a: &args::SceneArgs) -> Result<crate::scene::Scene, CliError> {
+    let options = crate::scene::LoadOptions {
+        defines: a.defines.clone(),
+        accel: a.accel.into(),
+        width: a.width,
+        height: a.height,
+    };
+    Ok(crate::scene::Scene::load(&a.scene, &options)?)
+}
+
+/// 1234567 as `1.23 M`.
+fn human(n: f64) -> String {
+    let (value, unit) = match n.abs() {
+        x if x >= 1e9 => (n / 1e9, " G"),
+        x if x >= 1e6 => (n / 1e6, " M"),
+        x if x >= 1e4 => (n / 1e3, " k"),
+        _ => return format!("{n:.0}"),
+    };
+    format!("{value:.3}{unit}")
+}
+
+/// Bytes with a binary unit.
+fn bytes(n: usize) -> String {
+    let n = n as f64;
+    match n {
+        x if x >= (1u64 << 30) as f64 => format!("{:.2} GiB", x / (1u64 << 30) as f64),
+        x if x >= (1 << 20) as f64 => format!("{:.1} MiB", x / (1 << 20) as f64),
+        x => format!("{:.1} KiB", x / 1024.0),
+    }
+}

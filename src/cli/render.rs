@@ -1,0 +1,201 @@
+//! `caustica render`.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::args::RenderArgs;
+use super::progress::Reporter;
+use super::{CliError, INTERRUPTED, bytes, human, print};
+use crate::image::{Format, Image, WriteOptions};
+use crate::render::{Control, Plan, PlanOverrides, Summary, render};
+use crate::scene::Scene;
+
+/// A run with more than this share of dropped samples has failed.
+const MAX_NON_FINITE: f64 = 1e-6;
+
+#[derive(Serialize)]
+struct Report<'a> {
+    scene: String,
+    scene_hash: &'a str,
+    outputs: Vec<String>,
+    accel: String,
+    width: u32,
+    height: u32,
+    triangles: u64,
+    seconds: f64,
+    rays_per_second: f64,
+    accel_memory: usize,
+    mean: [f64; 3],
+    #[serde(flatten)]
+    summary: &'a Summary,
+}
+
+pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
+    let started = Instant::now();
+    // Refuse what cannot be written before any work is done.
+    let outputs = outputs(a)?;
+    super::set_threads(a.scene.threads)?;
+    let scene = super::load_scene(&a.scene)?;
+    let plan = Plan::new(
+        &scene,
+        &PlanOverrides {
+            integrator: a.integrator.clone(),
+            spp: a.spp,
+            photons: a.photons,
+            passes: a.passes,
+            seed: a.seed,
+            timed: a.time.is_some(),
+        },
+    )?;
+    let loaded = started.elapsed().as_secs_f64();
+    let quiet = a.quiet || a.json;
+    if !quiet {
+        for w in &scene.warnings {
+            eprintln!("caustica: warning: {w}");
+        }
+        eprintln!(
+            "{}: {} triangles, {}x{}, {}, {}",
+            a.scene.scene.display(),
+            human(scene.stats.triangles as f64),
+            scene.film.width,
+            scene.film.height,
+            plan.method.name(),
+            scene.accel.description()
+        );
+    }
+    // Render; Ctrl-C ends it after the running pass.
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = stop.clone();
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+        eprintln!("caustica: finishing the running pass; Ctrl-C once more to give up");
+    })
+    .map_err(|e| CliError::Failed(format!("cannot watch for Ctrl-C: {e}")))?;
+    let reporter = Reporter::new(quiet);
+    let control = Control { stop: &stop, time: a.time, started, progress: &reporter };
+    let mut rendering = render(&scene, &plan, &control);
+    reporter.finish();
+    rendering.summary.add_phase("load", loaded);
+    // Write every output.
+    let seconds = started.elapsed().as_secs_f64();
+    describe(&mut rendering.image, &scene, &rendering.summary, seconds);
+    let writing = Instant::now();
+    let options = WriteOptions { exposure: a.exposure, half: !a.float, ..WriteOptions::default() };
+    for path in &outputs {
+        crate::image::write(path, &rendering.image, &options).map_err(CliError::Output)?;
+    }
+    rendering.summary.add_phase("write", writing.elapsed().as_secs_f64());
+    let summary = &rendering.summary;
+    if a.json {
+        let report = Report {
+            scene: a.scene.scene.display().to_string(),
+            scene_hash: &scene.hash,
+            outputs: outputs.iter().map(|p| p.display().to_string()).collect(),
+            accel: scene.accel.description(),
+            width: scene.film.width,
+            height: scene.film.height,
+            triangles: scene.stats.triangles as u64,
+            seconds,
+            rays_per_second: summary.counters.rays() as f64 / (seconds - loaded).max(1e-9),
+            accel_memory: scene.accel.memory(),
+            mean: crate::image::metrics::mean_rgb(&rendering.image).unwrap_or([f64::NAN; 3]),
+            summary,
+        };
+        let text = serde_json::to_string_pretty(&report).map_err(|e| CliError::Failed(e.to_string()))?;
+        print(&text);
+    } else if !a.quiet {
+        print_summary(&scene, summary, seconds, loaded, &outputs);
+    }
+    let dropped = summary.counters.non_finite();
+    if dropped as f64 > MAX_NON_FINITE * summary.counters.samples as f64 {
+        return Err(CliError::Failed(format!(
+            "{dropped} of {} samples were not finite and were left out (NaN {}, infinite {}); \
+             the image is written but not to be trusted",
+            summary.counters.samples, summary.counters.nan_samples, summary.counters.infinite_samples
+        )));
+    }
+    Ok(if summary.interrupted { INTERRUPTED } else { 0 })
+}
+
+/// The files to write, checked for a format that can be written and a folder that exists.
+fn outputs(a: &RenderArgs) -> Result<Vec<PathBuf>, CliError> {
+    let outputs = if a.output.is_empty() { vec![a.scene.scene.with_extension("exr")] } else { a.output.clone() };
+    for path in &outputs {
+        if !matches!(Format::from_path(path), Some(f) if f != Format::Jpeg) {
+            return Err(CliError::UnknownFormat(path.clone()));
+        }
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !folder.is_dir() {
+            return Err(CliError::Usage(format!(
+                "{}: the folder {} does not exist; make it first",
+                path.display(),
+                folder.display()
+            )));
+        }
+    }
+    Ok(outputs)
+}
+
+/// Writes into the image header how it was made.
+fn describe(image: &mut Image, scene: &Scene, summary: &Summary, seconds: f64) {
+    let mut set = |key: &str, value: String| {
+        image.metadata.insert(format!("caustica.{key}"), value);
+    };
+    set("version", env!("CARGO_PKG_VERSION").to_owned());
+    set("commit", env!("CAUSTICA_COMMIT").to_owned());
+    set("scene_hash", scene.hash.clone());
+    set("integrator", summary.integrator.to_owned());
+    set("spp", summary.spp.to_string());
+    set("passes", summary.passes.to_string());
+    set("seed", summary.seed.to_string());
+    set("accel", scene.accel.description());
+    set("seconds", format!("{seconds:.3}"));
+    for map in &summary.maps {
+        set(&format!("{}_photons_emitted", map.name), map.emitted.to_string());
+        set(&format!("{}_photons_stored", map.name), map.stored.to_string());
+    }
+}
+
+fn print_summary(scene: &Scene, s: &Summary, seconds: f64, loaded: f64, outputs: &[PathBuf]) {
+    let c = &s.counters;
+    print(&format!("{:<18} {} spp in {} passes, seed {}", s.integrator, s.spp, s.passes, s.seed));
+    for p in &s.phases {
+        print(&format!("  {:<16} {:9.3} s", p.name, p.seconds));
+    }
+    print(&format!("  {:<16} {seconds:9.3} s", "total"));
+    let rate = c.rays() as f64 / (seconds - loaded).max(1e-9);
+    print(&format!(
+        "rays               {} ({} closest-hit, {} shadow, {} photon), {} rays/s",
+        human(c.rays() as f64),
+        human(c.camera_rays as f64),
+        human(c.shadow_rays as f64),
+        human(c.photon_rays as f64),
+        human(rate)
+    ));
+    for m in &s.maps {
+        print(&format!(
+            "{:<18} {} photon paths emitted, {} photons stored, {} rejected; energy balance within {:.1e}",
+            format!("{} map", m.name),
+            human(m.emitted as f64),
+            human(m.stored as f64),
+            m.rejected,
+            m.energy_error
+        ));
+    }
+    print(&format!(
+        "memory             {} geometry, {} ray queries, {} photons",
+        bytes(scene.geometry.memory()),
+        bytes(scene.accel.memory()),
+        bytes(s.photon_memory)
+    ));
+    print(&format!("dropped samples    {} NaN, {} infinite of {}", c.nan_samples, c.infinite_samples, c.samples));
+    for path in outputs {
+        print(&format!("wrote              {}", path.display()));
+    }
+}

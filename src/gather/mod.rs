@@ -1,0 +1,8 @@
+//! Estimates of radiance at a point: direct light, density of photons, final gather.
+
+mod direct;
+mod irradiance;
+mod photons;
+
+pub use direct::{power_heuristic, sample_direct};
+pub use photons::{LookupSettings, MapEstimate, PhotonMaps};

@@ -1,0 +1,182 @@
+//! Radiance from photon maps by density estimation [Jensen 2001, §7].
+
+use std::cell::RefCell;
+
+use super::irradiance::IrradianceMap;
+use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::color::Rgb;
+use crate::geometry::SurfaceInteraction;
+use crate::math::{INV_PI, Vec3};
+use crate::photon::{Kernel, KnnScratch, PhotonMap};
+use crate::tally::Counters;
+
+/// How photon maps are read. Radii are fractions of the radius of the scene's bounding sphere.
+#[derive(Clone, Copy, Debug)]
+pub struct LookupSettings {
+    /// Photons in an estimate from the global map.
+    pub global_size: u32,
+    /// Photons in an estimate from the caustic map.
+    pub caustic_size: u32,
+    /// Largest radius of an estimate from the global map.
+    pub global_radius: f32,
+    /// Largest radius of an estimate from the caustic map.
+    pub caustic_radius: f32,
+    pub kernel: Kernel,
+}
+
+/// A density estimate.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct MapEstimate {
+    /// W·m⁻²·sr⁻¹.
+    pub radiance: Rgb,
+    /// Squared radius of the disc that it is an average over; 0 where there is no map.
+    pub radius_sq: f32,
+}
+
+/// Photons whose surface is turned further than this (60°) from the one they are gathered on do not count.
+const MIN_NORMAL_COS: f32 = 0.5;
+
+/// Cosine to the geometric normal below which a stored direction is lifted: quantisation may have put it below the horizon.
+const MIN_COS: f32 = 1e-3;
+
+/// A map with the way in which it is read.
+pub(super) struct Lookup {
+    pub(super) map: PhotonMap,
+    size: usize,
+    max_radius_sq: f32,
+    kernel: Kernel,
+    irradiance: Option<IrradianceMap>,
+}
+
+/// The photon maps of one pass.
+#[derive(Default)]
+pub struct PhotonMaps {
+    caustic: Option<Lookup>,
+    global: Option<Lookup>,
+}
+
+thread_local! {
+    /// Buffers of queries; results do not depend on what they were used for before.
+    static SCRATCH: RefCell<KnnScratch> = RefCell::new(KnnScratch::new());
+}
+
+impl PhotonMaps {
+    /// Takes the caustic map. `scene_radius` is that of the scene's bounding sphere.
+    pub fn set_caustic(&mut self, map: PhotonMap, lookup: &LookupSettings, scene_radius: f32) {
+        self.caustic = Lookup::new(map, lookup.caustic_size, lookup.caustic_radius * scene_radius, lookup.kernel);
+    }
+
+    /// Takes the map that indirect light comes from. `scene_radius` is that of the scene's bounding sphere.
+    pub fn set_global(&mut self, map: PhotonMap, lookup: &LookupSettings, scene_radius: f32) {
+        self.global = Lookup::new(map, lookup.global_size, lookup.global_radius * scene_radius, lookup.kernel);
+    }
+
+    /// Computes irradiance beforehand at a quarter of the global map's photons; Lambertian surfaces then look it up.
+    pub fn precompute_irradiance(&mut self) {
+        if let Some(global) = &mut self.global {
+            global.irradiance = Some(IrradianceMap::precompute(global));
+        }
+    }
+
+    pub fn has_global(&self) -> bool {
+        self.global.is_some()
+    }
+
+    /// Bytes of all maps.
+    pub fn memory(&self) -> usize {
+        [&self.caustic, &self.global].into_iter().flatten().map(Lookup::memory).sum()
+    }
+
+    /// Radiance of caustics that leaves `si` towards `si.wo` through its diffuse and wide glossy lobes.
+    #[inline]
+    pub fn caustic_radiance(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> Rgb {
+        self.caustic.as_ref().map_or(Rgb::BLACK, |l| l.estimate(si, bsdf, counters).radiance)
+    }
+
+    /// Radiance that leaves `si` towards `si.wo` through its diffuse and wide glossy lobes, from the global map.
+    #[inline]
+    pub fn global_radiance(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> MapEstimate {
+        self.global.as_ref().map_or(MapEstimate::default(), |l| l.estimate(si, bsdf, counters))
+    }
+}
+
+impl Lookup {
+    fn new(map: PhotonMap, size: u32, radius: f32, kernel: Kernel) -> Option<Self> {
+        let size = size.max(1) as usize;
+        (!map.is_empty()).then_some(Self { map, size, max_radius_sq: radius * radius, kernel, irradiance: None })
+    }
+
+    fn memory(&self) -> usize {
+        self.map.memory() + self.irradiance.as_ref().map_or(0, IrradianceMap::memory)
+    }
+
+    /// `L = Σ f(wo, wi)·Φ·K(d)` over the nearest photons of this side of this surface [Jensen 2001, eq. 7.6].
+    fn estimate(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> MapEstimate {
+        counters.photon_queries += 1;
+        let front = si.wo.dot(si.ng) > 0.0;
+        SCRATCH.with_borrow_mut(|scratch| {
+            // Lambertian: the directions of the photons do not matter, and irradiance may be known already.
+            if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE) {
+                let known = match &self.irradiance {
+                    Some(map) => map.lookup(si.p, si.ng, front, self.max_radius_sq, scratch),
+                    None => self.irradiance(si.p, si.ng, front, scratch),
+                };
+                return known.map_or(MapEstimate::default(), |(irradiance, radius_sq)| MapEstimate {
+                    radiance: albedo * INV_PI * irradiance,
+                    radius_sq,
+                });
+            }
+            let side = if bsdf.transmits(LobeMask::SMOOTH_WIDE) { None } else { Some(front) };
+            let term = |i: u32| {
+                let wi = above_horizon(self.map.direction(i), si.ng, self.map.side(i));
+                // eval() has |wi·ns|; what photons count is flux through the geometric surface, |wi·ng|.
+                bsdf.eval(si.wo, wi, Mode::Radiance, LobeMask::SMOOTH_WIDE) * self.map.power(i) / wi.dot(si.ng).abs()
+            };
+            let sum = self.sum(si.p, si.ng, side, scratch, term);
+            sum.map_or(MapEstimate::default(), |(radiance, radius_sq)| MapEstimate { radiance, radius_sq })
+        })
+    }
+
+    /// Irradiance (W·m⁻²) on one side of a surface, and the squared radius of the disc it is averaged over.
+    pub(super) fn irradiance(&self, p: Vec3, ng: Vec3, front: bool, scratch: &mut KnnScratch) -> Option<(Rgb, f32)> {
+        self.sum(p, ng, Some(front), scratch, |i| self.map.power(i))
+    }
+
+    /// `Σ term·K(d)` over the nearest photons on this surface, and the squared radius.
+    ///
+    /// The k-th photon only sets the radius: the other k − 1 are uniform within it, so that the estimate has no bias in
+    /// uniform light, whereas k/(πr²) is too large by k/(k − 1).
+    #[inline]
+    fn sum(
+        &self,
+        p: Vec3,
+        ng: Vec3,
+        side: Option<bool>,
+        scratch: &mut KnnScratch,
+        term: impl Fn(u32) -> Rgb,
+    ) -> Option<(Rgb, f32)> {
+        let found = self.map.nearest_where(p, self.size, self.max_radius_sq, scratch, |i| {
+            let flags = self.map.flags(i);
+            side.is_none_or(|s| flags.side() == s) && flags.normal().dot(ng) > MIN_NORMAL_COS
+        });
+        let radius_sq = found.radius_sq;
+        if radius_sq <= 0.0 {
+            return None;
+        }
+        let kernel = self.kernel;
+        let sum = if found.full {
+            found.iter().map(|(i, d_sq)| term(i) * kernel.nearest_weight(d_sq, radius_sq)).sum()
+        } else {
+            found.iter().map(|(i, d_sq)| term(i) * kernel.weight(d_sq, radius_sq)).sum()
+        };
+        Some((sum, radius_sq))
+    }
+}
+
+/// A stored direction put back on the side of the surface that the photon is known to have come from.
+#[inline]
+fn above_horizon(wi: Vec3, ng: Vec3, front: bool) -> Vec3 {
+    let n = if front { ng } else { -ng };
+    let cos = wi.dot(n);
+    if cos >= MIN_COS { wi } else { (wi + n * (MIN_COS - cos)).normalize() }
+}

@@ -1,0 +1,51 @@
+//! Recipes: how the pieces below make the radiance of one camera ray.
+
+mod direct;
+mod path;
+mod photonmapper;
+
+pub use direct::Direct;
+pub use path::Path;
+pub use photonmapper::{PhotonMapper, PhotonMapperSettings};
+
+use crate::camera::CameraRay;
+use crate::color::Rgb;
+use crate::sample::Sampler;
+use crate::scene::Scene;
+use crate::tally::Counters;
+
+/// One sample of the film.
+#[derive(Clone, Copy, Debug)]
+pub struct CameraSample {
+    pub camera_ray: CameraRay,
+    /// The pixel it belongs to, in coordinates of the whole film.
+    pub pixel: (u32, u32),
+}
+
+/// The radiance that arrives along a camera ray; one implementation per recipe, dispatched statically.
+pub trait Integrator: Sync {
+    /// Radiance (W·m⁻²·sr⁻¹), one estimate.
+    fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb;
+}
+
+/// Longest path in edges; `None` is unlimited. Mitsuba's convention: 1 shows emitters only, 2 adds direct light.
+pub type MaxDepth = Option<u32>;
+
+/// Russian roulette on the largest channel from `rr_depth` edges on, `beta` readjusted; false ends the path.
+///
+/// `eta` is the product of the relative indices crossed: its square undoes the scaling of radiance inside dielectrics.
+#[inline]
+fn roulette(beta: &mut Rgb, eta: f32, depth: u32, rr_depth: u32, sampler: &mut Sampler) -> bool {
+    let largest = beta.max_channel();
+    if largest <= 0.0 || largest.is_nan() {
+        return false;
+    }
+    if depth >= rr_depth {
+        let survive = (largest * eta * eta).min(0.95);
+        if sampler.next_1d() >= survive {
+            return false;
+        }
+        *beta *= 1.0 / survive;
+    }
+    true
+}

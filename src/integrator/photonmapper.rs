@@ -1,0 +1,230 @@
+//! Jensen's two-pass photon mapping [Jensen 2001].
+//!
+//! The paths from light L to eye E over diffuse or wide glossy vertices D and specular or sharp glossy vertices S are
+//! shared out so that each is counted once:
+//!
+//! | paths | estimator |
+//! |---|---|
+//! | `L S* E` | camera path |
+//! | `L D S* E` | shadow ray, with MIS against the gather ray that finds the light |
+//! | `L S⁺ D S* E` | caustic map at D |
+//! | `L (S\|D)* D S* D S* E` | gather ray from the last D through S* to a D, where the global map is read |
+
+use super::{CameraSample, Integrator, MaxDepth, roulette};
+use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::color::Rgb;
+use crate::gather::{LookupSettings, PhotonMaps, power_heuristic, sample_direct};
+use crate::geometry::{Ray, SurfaceInteraction};
+use crate::sample::{Sampler, Sequence};
+use crate::scene::Scene;
+use crate::shoot::{ShootSettings, Target, WalkSettings};
+use crate::tally::Counters;
+
+/// Parameters of `photonmapper`, named as in Mitsuba 0.6.
+#[derive(Clone, Copy, Debug)]
+pub struct PhotonMapperSettings {
+    pub max_depth: MaxDepth,
+    pub rr_depth: u32,
+    pub hide_emitters: bool,
+    /// Shadow rays per camera sample.
+    pub direct_samples: u32,
+    /// Photons wanted in the global map.
+    pub global_photons: u64,
+    /// Photons wanted in the caustic map; 0 makes none.
+    pub caustic_photons: u64,
+    /// Indirect light by gather rays over the global map; otherwise the map itself is shown.
+    pub final_gather: bool,
+    /// Gather rays per camera sample.
+    pub final_gather_samples: u32,
+    pub lookup: LookupSettings,
+}
+
+impl PhotonMapperSettings {
+    /// The maps that these settings need, in the order in which they are made.
+    pub fn targets(&self) -> impl Iterator<Item = Target> {
+        let indirect = if self.final_gather { Target::Global } else { Target::Indirect };
+        let caustic = (self.caustic_photons > 0).then_some(Target::Caustic);
+        // Light that meets the camera after one bounce needs no global map.
+        let global = (self.global_photons > 0 && self.max_depth.is_none_or(|d| d > 2)).then_some(indirect);
+        caustic.into_iter().chain(global)
+    }
+
+    /// How the photons of one map are shot.
+    pub fn shoot_settings(&self, seed: u64, pass: u64, target: Target, sequence: Sequence) -> ShootSettings {
+        let photons = if target == Target::Caustic { self.caustic_photons } else { self.global_photons };
+        // A camera path adds one edge to a photon path, a gather ray another.
+        let camera_edges = if target == Target::Global { 2 } else { 1 };
+        let max_depth = self.max_depth.map(|d| d.saturating_sub(camera_edges));
+        let walk = WalkSettings { max_depth, rr_depth: 1, sequence };
+        ShootSettings { seed, pass, target, walk, photons, max_paths: photons.saturating_mul(64) }
+    }
+}
+
+/// The second pass: renders with finished maps.
+pub struct PhotonMapper<'a> {
+    pub settings: PhotonMapperSettings,
+    pub maps: &'a PhotonMaps,
+}
+
+impl Integrator for PhotonMapper<'_> {
+    fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
+        let mut radiance = Rgb::BLACK;
+        let camera_ray = &sample.camera_ray;
+        let mut beta = Rgb::splat(camera_ray.weight);
+        let mut ray = camera_ray.ray;
+        let mut eta = 1.0f32;
+        let mut depth = 0u32;
+        let max_depth = self.settings.max_depth.unwrap_or(u32::MAX);
+        let mut hide = self.settings.hide_emitters;
+        while depth < max_depth {
+            counters.camera_rays += 1;
+            let Some(si) = scene.intersect(&ray) else {
+                if !hide {
+                    radiance += beta * scene.environment_radiance(ray.d);
+                }
+                break;
+            };
+            if scene.is_emitter(&si) {
+                if hide {
+                    ray.o = si.spawn_origin(ray.d);
+                    continue;
+                }
+                radiance += beta * scene.emitted(&si, si.wo);
+            }
+            hide = false;
+            depth += 1;
+            if depth >= max_depth {
+                break;
+            }
+            // Estimate everything that leaves through the diffuse and wide glossy lobes here.
+            let bsdf = scene.bsdf(&si);
+            if bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
+                radiance += beta * self.wide_lobes(scene, &si, &bsdf, max_depth - depth, sampler, counters);
+            }
+            // Follow the specular and sharp glossy ones.
+            if !bsdf.lobes().intersects(LobeMask::SPECULAR) {
+                break;
+            }
+            let Some((next, weight, eta_crossed)) = specular_bounce(&si, &bsdf, sampler) else { break };
+            beta *= weight;
+            eta *= eta_crossed;
+            ray = next;
+            if !roulette(&mut beta, eta, depth, self.settings.rr_depth, sampler) {
+                break;
+            }
+        }
+        radiance
+    }
+}
+
+impl PhotonMapper<'_> {
+    /// Radiance that leaves `si` through lobes that photons estimate, over paths of at most `edges` edges more.
+    fn wide_lobes(
+        &self,
+        scene: &Scene,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        edges: u32,
+        sampler: &mut Sampler,
+        counters: &mut Counters,
+    ) -> Rgb {
+        let gathers = self.settings.final_gather && edges >= 2 && self.maps.has_global();
+        let shadow_rays = self.settings.direct_samples.max(1);
+        let gather_rays = if gathers { self.settings.final_gather_samples.max(1) } else { 0 };
+        // Direct light, shared between shadow rays and those gather rays that meet a light.
+        let share = gather_rays as f32 / shadow_rays as f32;
+        let direct: Rgb = (0..shadow_rays)
+            .map(|_| sample_direct(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, sampler, counters))
+            .sum();
+        let mut sum = direct / shadow_rays as f32;
+        // Caustics from their map.
+        sum += self.maps.caustic_radiance(si, bsdf, counters);
+        // Indirect light by gathering over the global map, or from the map of indirect photons itself.
+        if gathers {
+            let gathered: Rgb =
+                (0..gather_rays).map(|_| self.gather_ray(scene, si, bsdf, 1.0 / share, 0, sampler, counters)).sum();
+            sum += gathered / gather_rays as f32;
+        } else if edges >= 2 {
+            sum += self.maps.global_radiance(si, bsdf, counters).radiance;
+        }
+        sum
+    }
+
+    /// One gather ray: through specular surfaces to the first that stores photons, where the global map is read.
+    ///
+    /// `light_share` is the number of shadow rays for each gather ray at `si`, for the MIS weight of a light that the
+    /// ray meets at once.
+    #[allow(clippy::too_many_arguments)]
+    fn gather_ray(
+        &self,
+        scene: &Scene,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        light_share: f32,
+        nested: u32,
+        sampler: &mut Sampler,
+        counters: &mut Counters,
+    ) -> Rgb {
+        let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+        let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SMOOTH_WIDE) else {
+            return Rgb::BLACK;
+        };
+        let mut sum = Rgb::BLACK;
+        let (mut beta, mut eta) = (s.weight, s.eta);
+        let mut ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        let mut depth = 0;
+        loop {
+            counters.camera_rays += 1;
+            let hit = scene.intersect(&ray);
+            // A light met at once is direct light; one met through specular surfaces is in the caustic map.
+            if depth == 0 {
+                let (emitted, pdf_light) = match &hit {
+                    Some(hit) if scene.is_emitter(hit) => (scene.emitted(hit, hit.wo), scene.pdf_direct(si.p, hit)),
+                    Some(_) => (Rgb::BLACK, 0.0),
+                    None => (scene.environment_radiance(ray.d), scene.pdf_environment(si.p, ray.d)),
+                };
+                if !emitted.is_black() {
+                    sum += beta * emitted * power_heuristic(s.pdf, pdf_light * light_share);
+                }
+            }
+            let Some(hit) = hit else { break };
+            depth += 1;
+            let hit_bsdf = scene.bsdf(&hit);
+            if hit_bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
+                let estimate = self.maps.global_radiance(&hit, &hit_bsdf, counters);
+                // The blur of the map would show where the gather ray is short: gather once more there.
+                let near = hit.t * hit.t < 4.0 * estimate.radius_sq;
+                sum += beta
+                    * if near && nested < MAX_NESTED_GATHER && self.settings.max_depth.is_none() {
+                        sample_direct(scene, &hit, &hit_bsdf, LobeMask::SMOOTH_WIDE, 1.0, sampler, counters)
+                            + self.maps.caustic_radiance(&hit, &hit_bsdf, counters)
+                            + self.gather_ray(scene, &hit, &hit_bsdf, 1.0, nested + 1, sampler, counters)
+                    } else {
+                        estimate.radiance
+                    };
+            }
+            if !hit_bsdf.lobes().intersects(LobeMask::SPECULAR) {
+                break;
+            }
+            let Some((next, weight, eta_crossed)) = specular_bounce(&hit, &hit_bsdf, sampler) else { break };
+            beta *= weight;
+            eta *= eta_crossed;
+            ray = next;
+            if !roulette(&mut beta, eta, depth, self.settings.rr_depth, sampler) {
+                break;
+            }
+        }
+        sum
+    }
+}
+
+/// Gather rays that may follow one another in a corner before the map is read all the same.
+const MAX_NESTED_GATHER: u32 = 4;
+
+/// Continues a path through the specular and sharp glossy lobes.
+#[inline]
+fn specular_bounce(si: &SurfaceInteraction, bsdf: &Bsdf, sampler: &mut Sampler) -> Option<(Ray, Rgb, f32)> {
+    let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+    let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SPECULAR)?;
+    Some((Ray::new(si.spawn_origin(s.wi), s.wi), s.weight, s.eta))
+}

@@ -1,0 +1,64 @@
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use crate::film::Film;
+use crate::integrator::{CameraSample, Integrator};
+use crate::math::Vec2;
+use crate::sample::{Key, Purpose, Sampler};
+use crate::scene::Scene;
+use crate::tally::Counters;
+
+/// Takes the camera samples `samples` of every pixel and adds them to `film`.
+///
+/// Tiles of fixed size are rendered in parallel and merged in their order. `progress` hears the finished fraction.
+pub fn render_pass<I: Integrator>(
+    scene: &Scene,
+    integrator: &I,
+    film: &mut Film,
+    seed: u64,
+    samples: Range<u64>,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Counters {
+    let key = Key::new(seed, Purpose::Camera, 0);
+    let tiles = film.tile_count();
+    let done = AtomicUsize::new(0);
+    let rendered: Vec<_> = (0..tiles)
+        .into_par_iter()
+        .map(|index| {
+            let mut tile = film.tile(index);
+            let mut counters = Counters::default();
+            for (x, y) in tile.pixels() {
+                let pixel_key = key.with(((y as u64) << 32) | x as u64);
+                for index in samples.clone() {
+                    let mut sampler = Sampler::new(scene.sampler.sequence, pixel_key, index);
+                    // Place the sample on the film and the lens.
+                    let film_pos = Vec2::new(x as f32, y as f32) + sampler.next_2d();
+                    let camera_ray = scene.camera.generate_ray(film_pos, sampler.next_2d());
+                    let sample = CameraSample { camera_ray, pixel: (x, y) };
+                    let radiance = integrator.li(scene, &sample, &mut sampler, &mut counters);
+                    counters.samples += 1;
+                    // Drop what is not a number, and say so.
+                    if !tile.add_sample(film_pos, radiance) {
+                        if radiance.to_array().iter().any(|c| c.is_nan()) {
+                            counters.nan_samples += 1;
+                        } else {
+                            counters.infinite_samples += 1;
+                        }
+                    }
+                }
+            }
+            let finished = done.fetch_add(1, Ordering::Relaxed) + 1;
+            progress(finished as f64 / tiles as f64);
+            (tile, counters)
+        })
+        .collect();
+    // Merge in the order of the tiles, whatever the order in which they were finished.
+    let mut counters = Counters::default();
+    for (tile, c) in rendered {
+        film.merge(&tile);
+        counters += c;
+    }
+    counters
+}

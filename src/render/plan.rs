@@ -1,0 +1,167 @@
+use std::ops::Range;
+
+use crate::gather::LookupSettings;
+use crate::integrator::{Direct, MaxDepth, Path, PhotonMapperSettings};
+use crate::scene::{IntegratorSettings, Scene};
+
+/// The recipe of a render with all its parameters.
+#[derive(Clone, Copy, Debug)]
+pub enum Method {
+    Path(Path),
+    Direct(Direct),
+    PhotonMapper(PhotonMapperSettings),
+}
+
+impl Method {
+    pub fn name(&self) -> &'static str {
+        match self {
+            Method::Path(_) => "path",
+            Method::Direct(_) => "direct",
+            Method::PhotonMapper(_) => "photonmapper",
+        }
+    }
+}
+
+/// The names that [`Plan::new`] knows.
+pub const METHODS: [&str; 3] = ["path", "direct", "photonmapper"];
+
+/// What the command line says in place of the scene file.
+#[derive(Clone, Debug, Default)]
+pub struct PlanOverrides {
+    pub integrator: Option<String>,
+    pub spp: Option<u64>,
+    pub photons: Option<u64>,
+    pub passes: Option<u64>,
+    pub seed: Option<u64>,
+    /// The render ends by the clock, so that without `spp` or `passes` it has no other end.
+    pub timed: bool,
+}
+
+/// A plan that cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum PlanError {
+    #[error("unknown integrator {found:?}; known are {}{}", METHODS.join(", "), hint(.found))]
+    UnknownIntegrator { found: String },
+    #[error("integrator {found:?} is not yet supported; known are {}", METHODS.join(", "))]
+    NotYetSupported { found: String },
+}
+
+fn hint(found: &str) -> String {
+    METHODS
+        .iter()
+        .map(|m| (strsim::damerau_levenshtein(m, found), m))
+        .min()
+        .filter(|(distance, _)| *distance <= 3)
+        .map_or_else(String::new, |(_, m)| format!("; did you mean {m:?}?"))
+}
+
+/// Everything that decides the picture, resolved.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    pub method: Method,
+    pub seed: u64,
+    pub passes: u64,
+    /// Camera samples per pixel of each pass.
+    pub spp_per_pass: u64,
+    /// Camera samples per pixel in all; the last pass may be smaller.
+    pub spp: u64,
+    /// Stop after `passes` even if time is left.
+    pub bounded: bool,
+}
+
+impl Plan {
+    /// Combines what the scene file says with what the command line says.
+    pub fn new(scene: &Scene, o: &PlanOverrides) -> Result<Self, PlanError> {
+        let settings = &scene.integrator;
+        let name = o.integrator.as_deref().unwrap_or(&settings.name);
+        // Parameters of another integrator in the file do not apply.
+        let own = settings.name == name;
+        let spp = o.spp.unwrap_or(scene.sampler.spp).max(1);
+        let method = match name {
+            "path" => Method::Path(path(settings)),
+            "direct" => Method::Direct(direct(settings, own)),
+            "photonmapper" => Method::PhotonMapper(photonmapper(settings, own, o.photons, spp)),
+            other if KNOWN_LATER.contains(&other) => {
+                return Err(PlanError::NotYetSupported { found: other.to_owned() });
+            }
+            other => return Err(PlanError::UnknownIntegrator { found: other.to_owned() }),
+        };
+        let spp_per_pass = match (&method, o.passes) {
+            (_, Some(passes)) => spp.div_ceil(passes),
+            // New maps for each pass are worth having only where somebody asked for passes or time.
+            (Method::PhotonMapper(_), None) if !o.timed => spp,
+            // Short passes, so that a render can be stopped; powers of two keep the samples stratified.
+            _ => (spp / 8).next_power_of_two().clamp(1, 16).min(spp),
+        };
+        let bounded = !o.timed || o.spp.is_some() || o.passes.is_some();
+        Ok(Self {
+            method,
+            seed: o.seed.unwrap_or(scene.sampler.seed),
+            passes: spp.div_ceil(spp_per_pass),
+            spp_per_pass,
+            spp,
+            bounded,
+        })
+    }
+
+    /// The camera samples of one pass.
+    pub fn samples_of(&self, pass: u64) -> Range<u64> {
+        let first = pass * self.spp_per_pass;
+        let last = first + self.spp_per_pass;
+        first..if self.bounded { last.min(self.spp) } else { last }
+    }
+}
+
+/// Integrators that the scene format names and that are not built yet.
+const KNOWN_LATER: [&str; 8] = ["ptracer", "bdpt", "ppm", "sppm", "vcm", "volpath", "volpathmis", "auto"];
+
+fn max_depth(s: &IntegratorSettings) -> MaxDepth {
+    let d = s.integer("max_depth").unwrap_or(-1);
+    u32::try_from(d).ok()
+}
+
+fn path(s: &IntegratorSettings) -> Path {
+    Path {
+        max_depth: max_depth(s),
+        rr_depth: s.integer("rr_depth").unwrap_or(5).max(1) as u32,
+        hide_emitters: s.boolean("hide_emitters").unwrap_or(false),
+    }
+}
+
+fn direct(s: &IntegratorSettings, own: bool) -> Direct {
+    let count = |name| {
+        let shading = s.integer("shading_samples").unwrap_or(1);
+        if own { s.integer(name).unwrap_or(shading).clamp(0, 65536) as u32 } else { 1 }
+    };
+    Direct {
+        emitter_samples: count("emitter_samples"),
+        bsdf_samples: count("bsdf_samples"),
+        hide_emitters: s.boolean("hide_emitters").unwrap_or(false),
+    }
+}
+
+fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u64) -> PhotonMapperSettings {
+    let integer = |name: &str, default: u64| {
+        s.integer(name).filter(|_| own).and_then(|v| u64::try_from(v).ok()).unwrap_or(default)
+    };
+    let float = |name: &str, default: f32| s.float(name).filter(|_| own).unwrap_or(default);
+    let lookup_size = integer("lookup_size", 100) as u32;
+    PhotonMapperSettings {
+        max_depth: max_depth(s),
+        rr_depth: s.integer("rr_depth").unwrap_or(5).max(1) as u32,
+        hide_emitters: s.boolean("hide_emitters").unwrap_or(false),
+        direct_samples: integer("direct_samples", 1).max(1) as u32,
+        global_photons: photons.unwrap_or_else(|| integer("global_photons", 250_000)),
+        caustic_photons: photons.unwrap_or_else(|| integer("caustic_photons", 250_000)),
+        final_gather: s.boolean("final_gather").filter(|_| own).unwrap_or(true),
+        // About 64 gather rays a pixel at least, whatever the number of camera samples.
+        final_gather_samples: integer("final_gather_samples", (64 / spp).max(1)) as u32,
+        lookup: LookupSettings {
+            global_size: lookup_size,
+            caustic_size: integer("caustic_lookup_size", lookup_size as u64) as u32,
+            global_radius: float("global_lookup_radius", 0.05),
+            caustic_radius: float("caustic_lookup_radius", 0.0125),
+            kernel: crate::photon::Kernel::Epanechnikov,
+        },
+    }
+}

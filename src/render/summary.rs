@@ -1,0 +1,87 @@
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::Plan;
+use crate::shoot::{EnergyBalance, Shot, Target};
+use crate::tally::Counters;
+
+/// Seconds spent in one phase, all passes together.
+#[derive(Clone, Debug, Serialize)]
+pub struct Phase {
+    pub name: &'static str,
+    pub seconds: f64,
+}
+
+/// What went into one kind of photon map, all passes together.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct MapSummary {
+    pub name: &'static str,
+    pub emitted: u64,
+    pub stored: u64,
+    /// Photons that were not finite or out of range.
+    pub rejected: u64,
+    pub energy: EnergyBalance,
+    pub energy_error: f64,
+}
+
+/// What is known about a render after it.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Summary {
+    pub integrator: &'static str,
+    pub seed: u64,
+    pub spp: u64,
+    pub passes: u64,
+    pub phases: Vec<Phase>,
+    pub maps: Vec<MapSummary>,
+    pub counters: Counters,
+    /// Bytes of the largest set of photon maps held at once.
+    pub photon_memory: usize,
+    pub interrupted: bool,
+}
+
+impl Summary {
+    pub(super) fn new(plan: &Plan) -> Self {
+        Self { integrator: plan.method.name(), seed: plan.seed, ..Self::default() }
+    }
+
+    /// Runs `work` and adds its time to the phase `name`.
+    pub fn time<R>(&mut self, name: &'static str, work: impl FnOnce() -> R) -> R {
+        let started = Instant::now();
+        let result = work();
+        self.add_phase(name, started.elapsed().as_secs_f64());
+        result
+    }
+
+    /// Adds seconds to a phase.
+    pub fn add_phase(&mut self, name: &'static str, seconds: f64) {
+        match self.phases.iter_mut().find(|p| p.name == name) {
+            Some(p) => p.seconds += seconds,
+            None => self.phases.push(Phase { name, seconds }),
+        }
+    }
+
+    /// Seconds of all phases whose name is `name`.
+    pub fn seconds(&self, name: &str) -> f64 {
+        self.phases.iter().filter(|p| p.name == name).map(|p| p.seconds).sum()
+    }
+
+    pub(super) fn add_shot(&mut self, target: Target, shot: &Shot) {
+        self.counters += shot.counters;
+        let name = match target {
+            Target::Caustic => "caustic",
+            Target::Global => "global",
+            Target::Indirect => "indirect",
+        };
+        let index = self.maps.iter().position(|m| m.name == name).unwrap_or_else(|| {
+            self.maps.push(MapSummary { name, ..MapSummary::default() });
+            self.maps.len() - 1
+        });
+        let map = &mut self.maps[index];
+        map.emitted += shot.emitted;
+        map.stored += shot.photons.len() as u64;
+        map.rejected += shot.rejected;
+        map.energy += shot.balance;
+        map.energy_error = map.energy.relative_error();
+    }
+}

@@ -1,0 +1,103 @@
+//! Photon tracing: emit, walk, deposit, in ordered batches of a fixed number of paths.
+
+mod balance;
+mod walk;
+
+pub use balance::EnergyBalance;
+pub use walk::{Deposit, Target, WalkSettings};
+
+use rayon::prelude::*;
+
+use crate::bsdf::LobeMask;
+use crate::photon::Photon;
+use crate::sample::{Key, Purpose};
+use crate::scene::Scene;
+use crate::tally::Counters;
+
+/// Photon paths that one task traces; part of the result's definition, so that it does not depend on threads.
+pub const PATHS_PER_BATCH: u64 = 4096;
+
+/// What one call of [`shoot`] is to do.
+#[derive(Clone, Copy, Debug)]
+pub struct ShootSettings {
+    pub seed: u64,
+    pub pass: u64,
+    pub target: Target,
+    pub walk: WalkSettings,
+    /// Photons wanted in the map. The number of emitted paths follows from a pilot and is fixed before shooting.
+    pub photons: u64,
+    /// Never emit more paths than this.
+    pub max_paths: u64,
+}
+
+/// The photons of one kind, in emission order, with what is known about how they came to be.
+#[derive(Debug, Default)]
+pub struct Shot {
+    pub photons: Vec<Photon>,
+    /// Photon paths emitted; every stored power is already divided by it.
+    pub emitted: u64,
+    pub balance: EnergyBalance,
+    /// Photons that could not be stored because a value was not finite or out of range.
+    pub rejected: u64,
+    pub counters: Counters,
+}
+
+/// Traces photons from all lights of `scene`.
+///
+/// The number of emitted paths is chosen from a pilot so that about `settings.photons` are stored; it does not depend on
+/// what the real paths do, so stored powers are unbiased. The result is the same for any number of threads.
+pub fn shoot(scene: &Scene, settings: &ShootSettings) -> Shot {
+    if settings.photons == 0 || scene.selector.is_empty() {
+        return Shot::default();
+    }
+    let emitted = paths_for(scene, settings);
+    if emitted == 0 {
+        return Shot::default();
+    }
+    let key = Key::new(settings.seed, settings.target.purpose(), settings.pass);
+    let batches = emitted.div_ceil(PATHS_PER_BATCH);
+    let deposits: Vec<Deposit> = (0..batches)
+        .into_par_iter()
+        .map(|batch| {
+            let first = batch * PATHS_PER_BATCH;
+            let last = (first + PATHS_PER_BATCH).min(emitted);
+            let mut deposit = Deposit::new(settings.target, settings.walk, emitted);
+            for index in first..last {
+                deposit.trace(scene, key, index);
+            }
+            deposit
+        })
+        .collect();
+    // Join the batches in emission order.
+    let mut shot = Shot { emitted, ..Shot::default() };
+    shot.photons.reserve_exact(deposits.iter().map(|d| d.photons.len()).sum());
+    for deposit in deposits {
+        shot.photons.extend_from_slice(&deposit.photons);
+        shot.balance += deposit.balance;
+        shot.rejected += deposit.rejected;
+        shot.counters += deposit.counters;
+    }
+    shot
+}
+
+/// The number of paths that is expected to store `settings.photons` photons.
+fn paths_for(scene: &Scene, settings: &ShootSettings) -> u64 {
+    const PILOT: u64 = 4 * PATHS_PER_BATCH;
+    let key = Key::new(settings.seed, Purpose::Pilot, settings.target.purpose() as u64);
+    let stored: u64 = (0..PILOT / PATHS_PER_BATCH)
+        .into_par_iter()
+        .map(|batch| {
+            let mut deposit = Deposit::new(settings.target, settings.walk, PILOT);
+            for index in batch * PATHS_PER_BATCH..(batch + 1) * PATHS_PER_BATCH {
+                deposit.trace(scene, key, index);
+            }
+            deposit.photons.len() as u64
+        })
+        .sum();
+    if stored == 0 {
+        // Rare at best: spend what may be spent only if something of this kind can exist at all.
+        return if settings.target == Target::Caustic && !scene.may_have(LobeMask::SPECULAR) { 0 } else { settings.max_paths };
+    }
+    let wanted = (settings.photons as f64 * PILOT as f64 / stored as f64).ceil() as u64;
+    wanted.clamp(1, settings.max_paths)
+}

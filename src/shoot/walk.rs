@@ -1,0 +1,177 @@
+//! One photon path: emission, scattering with Russian roulette, deposits.
+
+use super::EnergyBalance;
+use crate::bsdf::{LobeMask, Mode};
+use crate::color::Rgb;
+use crate::geometry::{Ray, SurfaceInteraction};
+use crate::photon::{Photon, PhotonClass, PhotonRecord};
+use crate::sample::{Key, Purpose, Sampler, Sequence, hash_u64};
+use crate::scene::Scene;
+use crate::tally::Counters;
+
+/// Which photons are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// L S⁺ D: light that reached its first diffuse surface through specular ones only.
+    Caustic,
+    /// Every photon at a diffuse or glossy surface.
+    Global,
+    /// As `Global`, without those that have not met a diffuse or glossy surface before (direct light and caustics).
+    Indirect,
+}
+
+impl Target {
+    /// The random stream of this kind of photon path.
+    pub fn purpose(self) -> Purpose {
+        match self {
+            Target::Caustic => Purpose::CausticPhoton,
+            Target::Global | Target::Indirect => Purpose::Photon,
+        }
+    }
+}
+
+/// Limits of a photon path.
+#[derive(Clone, Copy, Debug)]
+pub struct WalkSettings {
+    /// Longest path in edges from the light; `None` is unlimited.
+    pub max_depth: Option<u32>,
+    /// Edges after which Russian roulette may end a path.
+    pub rr_depth: u32,
+    pub sequence: Sequence,
+}
+
+/// After this many edges roulette ends at least one path in 256 per edge, so that light trapped without loss ends too.
+const CERTAIN_ROULETTE_DEPTH: u32 = 128;
+
+/// The photons and tallies of one batch of paths.
+#[derive(Debug)]
+pub struct Deposit {
+    pub photons: Vec<Photon>,
+    pub balance: EnergyBalance,
+    pub rejected: u64,
+    pub counters: Counters,
+    target: Target,
+    walk: WalkSettings,
+    inv_emitted: f32,
+}
+
+impl Deposit {
+    /// A batch of a shoot that emits `emitted` paths in all.
+    pub fn new(target: Target, walk: WalkSettings, emitted: u64) -> Self {
+        Self {
+            photons: Vec::new(),
+            balance: EnergyBalance::default(),
+            rejected: 0,
+            counters: Counters::default(),
+            target,
+            walk,
+            inv_emitted: (1.0 / emitted as f64) as f32,
+        }
+    }
+
+    /// Follows photon path `index` from its light to its end.
+    pub fn trace(&mut self, scene: &Scene, key: Key, index: u64) {
+        let mut sampler = Sampler::new(self.walk.sequence, key, index);
+        // Emit from a light chosen at random.
+        let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
+        let Some((light, pmf)) = scene.selector.sample(u_light) else { return };
+        let Some(le) = scene.lights[light].sample_le(&scene.light_context(), u_pos, u_dir) else { return };
+        let mut flux = le.weight * (self.inv_emitted / pmf);
+        if !flux.is_finite() {
+            self.rejected += 1;
+            return;
+        }
+        if flux.is_black() {
+            return;
+        }
+        EnergyBalance::add(&mut self.balance.emitted, flux);
+        let mut ray = le.ray;
+        let (mut specular_chain, mut scattered) = (true, false);
+        let mut depth = 0u32;
+        loop {
+            // Find where the photon lands.
+            self.counters.photon_rays += 1;
+            let Some(si) = scene.intersect(&ray) else {
+                EnergyBalance::add(&mut self.balance.escaped, flux);
+                return;
+            };
+            depth += 1;
+            // Store it where the surface has lobes that photons estimate.
+            let bsdf = scene.bsdf(&si);
+            let lobes = bsdf.lobes();
+            if lobes.intersects(LobeMask::SMOOTH_WIDE) && self.wants(depth, specular_chain, scattered) {
+                self.store(&si, flux, depth, specular_chain, scattered, hash_u64(key.with(index).0, depth as u64));
+            }
+            if self.target == Target::Caustic && !lobes.intersects(LobeMask::SPECULAR) {
+                EnergyBalance::add(&mut self.balance.absorbed, flux);
+                return;
+            }
+            if self.walk.max_depth.is_some_and(|d| depth >= d) {
+                EnergyBalance::add(&mut self.balance.cut, flux);
+                return;
+            }
+            // Scatter; what a caustic photon loses to diffuse lobes ends there.
+            let mask = if self.target == Target::Caustic { LobeMask::SPECULAR } else { LobeMask::ALL };
+            let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+            let sample = bsdf.sample(si.wo, u_lobe, u, Mode::Importance, mask);
+            let Some(s) = sample else {
+                EnergyBalance::add(&mut self.balance.absorbed, flux);
+                return;
+            };
+            let before = flux;
+            flux = flux * s.weight;
+            if !flux.is_finite() {
+                self.rejected += 1;
+                EnergyBalance::add(&mut self.balance.absorbed, before);
+                return;
+            }
+            EnergyBalance::add_loss(&mut self.balance.absorbed, before, flux);
+            if flux.is_black() {
+                return;
+            }
+            if s.lobe.intersects(LobeMask::SMOOTH_WIDE) {
+                (specular_chain, scattered) = (false, true);
+            }
+            // Russian roulette on the largest channel keeps the powers of stored photons alike [Jensen 2001, §5.2].
+            let mut survive = if depth >= self.walk.rr_depth { flux.max_channel() / before.max_channel() } else { 1.0 };
+            if depth >= CERTAIN_ROULETTE_DEPTH {
+                survive = survive.min(1.0 - 1.0 / 256.0);
+            }
+            if survive < 1.0 {
+                let unlucky = sampler.next_1d() >= survive;
+                let after = if unlucky { Rgb::BLACK } else { flux / survive };
+                EnergyBalance::add_loss(&mut self.balance.roulette, flux, after);
+                if unlucky {
+                    return;
+                }
+                flux = after;
+            }
+            ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        }
+    }
+
+    /// Whether the kind of map being made wants a photon with this history.
+    fn wants(&self, depth: u32, specular_chain: bool, scattered: bool) -> bool {
+        match self.target {
+            Target::Caustic => specular_chain && depth > 1,
+            Target::Global => true,
+            Target::Indirect => scattered,
+        }
+    }
+
+    fn store(&mut self, si: &SurfaceInteraction, power: Rgb, depth: u32, chain: bool, scattered: bool, bits: u64) {
+        let record = PhotonRecord {
+            p: si.p,
+            power,
+            wi: si.wo,
+            side: si.wo.dot(si.ng) > 0.0,
+            normal: si.ng,
+            class: if chain && depth > 1 { PhotonClass::Caustic } else { PhotonClass::Global },
+            mark: !scattered,
+        };
+        match Photon::pack(&record, hash_u64(bits, Purpose::Quantize as u64)) {
+            Ok(photon) => self.photons.push(photon),
+            Err(_) => self.rejected += 1,
+        }
+    }
+}

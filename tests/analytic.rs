@@ -1,0 +1,75 @@
+//! Scenes whose radiance is known.
+
+mod common;
+
+use common::{Estimate, backends, scene};
+
+/// A closed unit sphere of albedo `rho`, seen from inside; `extra` holds its lights, `emission` goes into the sphere.
+fn sphere(rho: f64, max_depth: i32, emission: &str, lights: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0">
+  <integrator type="path"><integer name="max_depth" value="{max_depth}"/></integrator>
+  <sensor type="perspective">
+    <float name="fov" value="90"/>
+    <transform name="to_world"><lookat origin="0.1, 0.2, -0.3" target="0.5, 0.1, 1" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/>
+      <rfilter type="box"/></film>
+    <sampler type="independent"><integer name="sample_count" value="64"/></sampler>
+  </sensor>
+  <shape type="sphere">
+    <boolean name="flip_normals" value="true"/>
+    <bsdf type="diffuse"><rgb name="reflectance" value="{rho}"/></bsdf>
+    {emission}
+  </shape>
+  {lights}
+</scene>"#
+    )
+}
+
+fn point(intensity: f64) -> String {
+    format!(
+        r#"<emitter type="point"><point name="position" x="0" y="0" z="0"/><rgb name="intensity" value="{intensity}"/></emitter>"#
+    )
+}
+
+fn emission(radiance: f64) -> String {
+    format!(r#"<emitter type="area"><rgb name="radiance" value="{radiance}"/></emitter>"#)
+}
+
+/// E = I/R² = π at every wall from a light in the centre; L = (ρE/π)/(1−ρ) = 1 for ρ = ½, and ½/(1−½) = 1 for Le = ½.
+#[test]
+fn closed_sphere_has_radiance_one() {
+    let four = point(std::f64::consts::FRAC_PI_4).repeat(4);
+    let cases = [
+        ("point light", sphere(0.5, -1, "", &point(std::f64::consts::PI))),
+        ("four lights", sphere(0.5, -1, "", &four)),
+        ("emission", sphere(0.5, -1, &emission(0.5), "")),
+    ];
+    for accel in backends() {
+        for (name, xml) in &cases {
+            let s = scene(xml, accel);
+            Estimate::over_seeds(&s, "path", 64, 8).assert_is(1.0, 4.0, 0.002, &format!("{name}, path, {accel:?}"));
+            let photons = Estimate::over_seeds(&s, "photonmapper", 16, 4);
+            photons.assert_is(1.0, f64::INFINITY, 0.01, &format!("{name}, photonmapper, {accel:?}"));
+        }
+    }
+}
+
+/// L = Le Σ ρⁿ: the sum over all depths and its partial sums.
+#[test]
+fn furnace_sums_its_depths() {
+    for rho in [0.5, 0.9, 0.99] {
+        for max_depth in [1, 2, 3, 4, 8, -1] {
+            let s = scene(&sphere(rho, max_depth, &emission(1.0), ""), backends()[0]);
+            let truth = match max_depth {
+                -1 => 1.0 / (1.0 - rho),
+                n => (0..n).map(|k| rho.powi(k)).sum(),
+            };
+            let what = format!("albedo {rho}, max_depth {max_depth}");
+            let path = Estimate::over_seeds(&s, "path", 64, 8);
+            path.assert_is(truth, 4.0, 0.005, &format!("path, {what}"));
+            let photons = Estimate::over_seeds(&s, "photonmapper", 16, 4);
+            photons.assert_is(truth, f64::INFINITY, 0.01, &format!("photonmapper, {what}"));
+        }
+    }
+}

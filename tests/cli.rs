@@ -1,0 +1,142 @@
+//! The program as a user meets it: exit codes, messages, files.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const SCENE: &str = r#"<scene version="3.0.0">
+  <default name="spp" value="4"/>
+  <integrator type="path"/>
+  <sensor type="perspective">
+    <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="16"/></film>
+    <sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>
+  </sensor>
+  <shape type="sphere"><point name="center" x="0" y="0" z="4"/></shape>
+  <emitter type="constant"/>
+</scene>"#;
+
+fn caustica(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_caustica")).args(args).output().expect("the program starts")
+}
+
+fn stderr(o: &Output) -> String {
+    String::from_utf8_lossy(&o.stderr).into_owned()
+}
+
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new(scene: &str) -> Self {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        std::fs::write(dir.path().join("scene.xml"), scene).expect("a temporary file");
+        Self(dir)
+    }
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+    fn text(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+}
+
+fn assert_fails(o: &Output, code: i32, parts: &[&str]) {
+    let text = stderr(o);
+    assert_eq!(o.status.code(), Some(code), "{text}");
+    for part in parts {
+        assert!(text.contains(part), "{part:?} is not in: {text}");
+    }
+    assert!(!text.contains("panicked"), "{text}");
+}
+
+#[test]
+fn renders_every_format_and_says_how() {
+    let f = Folder::new(SCENE);
+    let outputs: Vec<String> = ["a.exr", "a.png", "a.hdr", "a.pfm"].iter().map(|n| f.text(n)).collect();
+    let mut args = vec!["render".to_owned(), f.text("scene.xml"), "--json".into(), "--seed".into(), "7".into()];
+    for o in &outputs {
+        args.extend(["-o".into(), o.clone()]);
+    }
+    let o = caustica(&args.iter().map(String::as_str).collect::<Vec<_>>());
+    assert!(o.status.success(), "{}", stderr(&o));
+    let report: serde_json::Value = serde_json::from_slice(&o.stdout).expect("one JSON object");
+    assert_eq!(report["integrator"], "path");
+    assert_eq!(report["seed"], 7);
+    assert_eq!(report["spp"], 4);
+    assert_eq!(report["counters"]["samples"], 24 * 16 * 4);
+    for o in &outputs {
+        let image = caustica::image::read(Path::new(o)).expect("a readable image");
+        assert_eq!((image.width(), image.height()), (24, 16), "{o}");
+    }
+    let exr = caustica::image::read(f.path("a.exr")).expect("a readable image");
+    let header = |key: &str| exr.metadata.get(&format!("caustica.{key}")).cloned().unwrap_or_default();
+    assert_eq!(header("integrator"), "path");
+    assert_eq!(header("seed"), "7");
+    assert_eq!(header("scene_hash"), report["scene_hash"].as_str().expect("a hash"));
+    assert!(!header("accel").is_empty() && !header("seconds").is_empty());
+}
+
+#[test]
+fn compare_and_info() {
+    let f = Folder::new(SCENE);
+    for (seed, name) in [("1", "a.exr"), ("2", "b.exr")] {
+        let o = caustica(&["render", &f.text("scene.xml"), "-q", "--seed", seed, "-o", &f.text(name)]);
+        assert!(o.status.success() && o.stdout.is_empty() && o.stderr.is_empty(), "{}", stderr(&o));
+    }
+    let o = caustica(&["compare", &f.text("a.exr"), &f.text("b.exr"), "--json"]);
+    assert!(o.status.success(), "{}", stderr(&o));
+    let o = caustica(&["compare", &f.text("a.exr"), &f.text("a.exr")]);
+    assert!(o.status.success() && String::from_utf8_lossy(&o.stdout).contains("rmse"));
+    let o = caustica(&["render", &f.text("scene.xml"), "-q", "--width", "8", "--height", "8", "-o", &f.text("c.exr")]);
+    assert!(o.status.success(), "{}", stderr(&o));
+    assert_fails(&caustica(&["compare", &f.text("a.exr"), &f.text("c.exr")]), 2, &["24", "8"]);
+    let o = caustica(&["info", &f.text("scene.xml"), "--json"]);
+    let info: serde_json::Value = serde_json::from_slice(&o.stdout).expect("one JSON object");
+    assert_eq!(info["shapes"], 1);
+    assert_eq!(info["lights"], 1);
+}
+
+#[test]
+fn mistakes_are_told_with_their_remedy() {
+    let f = Folder::new(SCENE);
+    let scene = f.text("scene.xml");
+    assert_fails(&caustica(&["render", "no-such.xml"]), 2, &["no-such.xml"]);
+    assert_fails(&caustica(&["render", &scene, "--integrator", "pth"]), 2, &["pth", "did you mean \"path\""]);
+    assert_fails(&caustica(&["render", &scene, "-o", "x.tga"]), 2, &["x.tga", ".exr"]);
+    assert_fails(&caustica(&["render", &scene, "-o", "no/such/folder/x.exr"]), 2, &["no/such/folder"]);
+    assert_fails(&caustica(&["render", &scene, "-D", "spp"]), 2, &["KEY=VALUE"]);
+    assert_fails(&caustica(&["render", &scene, "-D", "spp=many"]), 2, &["many"]);
+    assert_fails(&caustica(&["render", &scene, "--time", "soon"]), 2, &["soon", "30s"]);
+    assert_fails(&caustica(&["render", &scene, "--threads", "0"]), 2, &["threads"]);
+    assert_fails(&caustica(&["compare", &scene, &scene]), 2, &["scene.xml"]);
+    assert_fails(&caustica(&["frobnicate"]), 2, &["frobnicate"]);
+    #[cfg(not(feature = "embree"))]
+    assert_fails(&caustica(&["render", &scene, "--accel", "embree"]), 2, &["libembree-dev"]);
+}
+
+#[test]
+fn time_ends_a_render_after_a_pass() {
+    let f = Folder::new(SCENE);
+    let started = std::time::Instant::now();
+    let o = caustica(&["render", &f.text("scene.xml"), "--time", "300ms", "--json", "-o", &f.text("t.exr")]);
+    assert!(o.status.success(), "{}", stderr(&o));
+    assert!(started.elapsed().as_secs_f64() < 20.0);
+    let report: serde_json::Value = serde_json::from_slice(&o.stdout).expect("one JSON object");
+    assert!(report["spp"].as_u64().expect("a count") > 4, "{report}");
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupt_finishes_the_pass_and_writes() {
+    let f = Folder::new(SCENE);
+    let out = f.path("i.exr");
+    let child = Command::new(env!("CARGO_BIN_EXE_caustica"))
+        .args(["render", &f.text("scene.xml"), "-q", "--time", "60s", "-o"])
+        .arg(&out)
+        .spawn()
+        .expect("the program starts");
+    std::thread::sleep(std::time::Duration::from_millis(1500));
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
+    assert!(kill.success());
+    let o = child.wait_with_output().expect("the program ends");
+    assert_eq!(o.status.code(), Some(130));
+    assert!(caustica::image::read(&out).is_ok());
+}

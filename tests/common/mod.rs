@@ -1,0 +1,84 @@
+//! Renders scenes given as text and judges the pictures.
+#![allow(dead_code)]
+
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use caustica::accel::AccelKind;
+use caustica::image::Image;
+use caustica::render::{Control, Plan, PlanOverrides, Rendering, Silent, render};
+use caustica::scene::{LoadOptions, Scene};
+
+/// The back ends of this build.
+pub fn backends() -> Vec<AccelKind> {
+    if caustica::accel::embree_available() { vec![AccelKind::Embree, AccelKind::Bvh] } else { vec![AccelKind::Bvh] }
+}
+
+/// Loads a scene from text.
+pub fn scene(xml: &str, accel: AccelKind) -> Scene {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let path = dir.path().join("scene.xml");
+    std::fs::write(&path, xml).expect("a temporary file");
+    match Scene::load(&path, &LoadOptions { accel, ..LoadOptions::default() }) {
+        Ok(scene) => scene,
+        Err(e) => panic!("{e}\n{xml}"),
+    }
+}
+
+/// Renders with the scene's own settings but for `overrides`.
+pub fn run(scene: &Scene, overrides: PlanOverrides) -> Rendering {
+    let plan = Plan::new(scene, &overrides).expect("a known integrator");
+    let stop = AtomicBool::new(false);
+    let control = Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent };
+    render(scene, &plan, &control)
+}
+
+/// Renders with one integrator, number of samples and seed.
+pub fn image(scene: &Scene, integrator: &str, spp: u64, seed: u64) -> Image {
+    let o = PlanOverrides {
+        integrator: Some(integrator.into()),
+        spp: Some(spp),
+        seed: Some(seed),
+        ..PlanOverrides::default()
+    };
+    run(scene, o).image
+}
+
+/// Mean and standard error of the mean of independent numbers.
+#[derive(Clone, Copy, Debug)]
+pub struct Estimate {
+    pub mean: f64,
+    pub error: f64,
+}
+
+impl Estimate {
+    pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
+        let v: Vec<f64> = values.into_iter().collect();
+        let n = v.len() as f64;
+        let mean = v.iter().sum::<f64>() / n;
+        let variance = v.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);
+        Self { mean, error: (variance / n).sqrt() }
+    }
+
+    /// The mean of the image under `seeds` independent seeds, as an estimate of the expected mean.
+    pub fn over_seeds(scene: &Scene, integrator: &str, spp: u64, seeds: u64) -> Self {
+        Self::of((1..=seeds).map(|seed| {
+            let image = image(scene, integrator, spp, seed);
+            let [r, g, b] = caustica::image::metrics::mean_rgb(&image).expect("a picture");
+            (r + g + b) / 3.0
+        }))
+    }
+
+    /// Fails unless `truth` is within `z` standard errors and `relative` of the mean.
+    #[track_caller]
+    pub fn assert_is(&self, truth: f64, z: f64, relative: f64, what: &str) {
+        let off = (self.mean - truth).abs();
+        assert!(
+            off <= relative * truth.abs() && off <= z * self.error + 1e-6 * truth.abs(),
+            "{what}: expected {truth}, measured {} ± {} ({:+.3} %)",
+            self.mean,
+            self.error,
+            100.0 * (self.mean / truth - 1.0)
+        );
+    }
+}
