@@ -15,6 +15,11 @@ pub use embree::EmbreeAccel;
 
 use crate::geometry::{GeometrySet, Hit, Ray};
 
+/// True when this build can use Embree.
+pub fn embree_available() -> bool {
+    cfg!(embree)
+}
+
 /// Which back end to build.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AccelKind {
