@@ -517,14 +517,16 @@ impl Parser {
     /// An attribute's value with every `$name` replaced.
     fn attribute(&mut self, scope: &Scope, e: Element, name: &str) -> Result<Option<String>, SceneError> {
         match e.attribute(name) {
-            Some(text) if text.contains('$') => {
-                self.substitute(text).map(Some).map_err(|err| err(&scope.attribute_pos(e, name)))
-            }
+            Some(text) if text.contains('$') => self
+                .substitute(text)
+                .map(Some)
+                .map_err(|(message, help)| SceneError::at(&scope.attribute_pos(e, name), message).help(help)),
             text => Ok(text.map(str::to_owned)),
         }
     }
 
-    fn substitute(&mut self, text: &str) -> Result<String, Box<dyn Fn(&Position) -> SceneError>> {
+    /// The text with every `$name` replaced, or a message and help.
+    fn substitute(&mut self, text: &str) -> Result<String, (String, String)> {
         let mut out = String::new();
         let mut rest = text;
         while let Some(at) = rest.find('$') {
@@ -547,22 +549,18 @@ impl Parser {
             let Some((name, define)) = name.and_then(|n| Some((n, self.defines.get_mut(n)?))) else {
                 let word = brief(word.trim_end_matches(['.', '-']));
                 let known: Vec<String> = self.defines.keys().cloned().collect();
-                return Err(Box::new(move |pos| {
-                    let message = format!("the parameter \"${word}\" is not defined");
-                    let help = match known.is_empty() {
-                        true => format!("add <default name=\"{word}\" value=\"…\"/> above, or -D {word}=…"),
-                        false => super::super::error::suggestion(&word, &known),
-                    };
-                    SceneError::at(pos, message).help(help)
-                }));
+                let help = match known.is_empty() {
+                    true => format!("add <default name=\"{word}\" value=\"…\"/> above, or -D {word}=…"),
+                    false => super::super::error::suggestion(&word, &known),
+                };
+                return Err((format!("the parameter \"${word}\" is not defined"), help));
             };
             define.unused = false;
             out.push_str(&define.value);
             rest = &rest[name.len() + if braced { 2 } else { 0 }..];
             if out.len() + rest.len() > MAX_ATTRIBUTE_BYTES {
-                return Err(Box::new(|pos| {
-                    SceneError::at(pos, format!("the substituted text exceeds {MAX_ATTRIBUTE_BYTES} bytes"))
-                }));
+                let message = format!("the substituted text exceeds {MAX_ATTRIBUTE_BYTES} bytes");
+                return Err((message, "shorten the chain of <default>s".into()));
             }
         }
         out.push_str(rest);
