@@ -3,7 +3,7 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec2, Vec3};
 
 use super::surface::{SphereCone, Surface, SurfacePoint, Triangles, triangle_point};
-use super::table::tabulate;
+use super::table::{grid_size, tabulate};
 use super::{LightContext, LightLe, LightLi, emit_from_surface};
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Shape, SurfaceInteraction};
@@ -71,7 +71,8 @@ impl AreaLight {
             self.mean = Rgb::new(mean.x as f32, mean.y as f32, mean.z as f32);
             self.surface = Surface::Triangles(Triangles::new(mesh, |i| means[i as usize].mean() as f64 + floor));
         } else {
-            let (table, mean) = tabulate(256, 256, |u| value(self.surface.sample(shape, u)));
+            let (width, height) = grid_size(textures, self.radiance);
+            let (table, mean) = tabulate(width, height, |u| value(self.surface.sample(shape, u)));
             self.mean = mean;
             self.table = matches!(self.surface, Surface::Parallelogram(_)).then_some(table);
         }
@@ -178,7 +179,7 @@ impl AreaLight {
         let local = warp::cosine_hemisphere(u_dir);
         let d = Frame::from_normal(point.n).to_world(local);
         let radiance = self.radiance_of(ctx, &point);
-        if radiance.is_black() || !(pdf_a > 0.0 && local.z > 0.0) {
+        if radiance.is_black() || !(pdf_a > 0.0 && pdf_a.is_finite() && local.z > 0.0) {
             return None;
         }
         Some(LightLe {

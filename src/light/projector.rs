@@ -2,7 +2,7 @@ use std::f64::consts::PI;
 
 use glam::{Mat3, Vec2, Vec3};
 
-use super::table::{at_uv, tabulate};
+use super::table::{at_uv, grid_size, tabulate};
 use super::{LightContext, LightLe, LightLi, arrive_from_point, axes, emit_from_point};
 use crate::color::Rgb;
 use crate::geometry::GeometrySet;
@@ -42,7 +42,8 @@ impl Projector {
         let (table, mean) = match slide {
             ColorParam::Const(c) => (None, c),
             texture => {
-                let (table, mean) = tabulate(256, 256, |uv| textures.color(texture, &at_uv(uv), geometry));
+                let (width, height) = grid_size(textures, texture);
+                let (table, mean) = tabulate(width, height, |uv| textures.color(texture, &at_uv(uv), geometry));
                 (Some(table), mean)
             }
         };

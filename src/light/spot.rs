@@ -66,12 +66,12 @@ impl Spot {
     fn falloff(&self, sin_theta: f32, cos_theta: f32) -> f32 {
         // atan2 keeps the digits of narrow cones, which acos loses.
         let theta = sin_theta.atan2(cos_theta);
-        if theta <= self.beam_width {
-            1.0
-        } else if theta < self.cutoff {
-            (self.cutoff - theta) / (self.cutoff - self.beam_width)
-        } else {
+        if theta >= self.cutoff {
             0.0
+        } else if theta <= self.beam_width {
+            1.0
+        } else {
+            (self.cutoff - theta) / (self.cutoff - self.beam_width)
         }
     }
 
@@ -102,7 +102,7 @@ impl Spot {
         let pdf_w = density * warp::uniform_cone_pdf(self.one_minus_cos_cutoff);
         let d = self.axes * local;
         let intensity = self.intensity(ctx, d);
-        (!intensity.is_black()).then(|| emit_from_point(self.position, d, intensity, pdf_w))
+        (!intensity.is_black() && pdf_w.is_finite()).then(|| emit_from_point(self.position, d, intensity, pdf_w))
     }
 
     pub(super) fn pdf_direction(&self, d: Vec3) -> f32 {

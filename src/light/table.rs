@@ -3,6 +3,7 @@ use glam::{DVec3, Vec2};
 use crate::color::Rgb;
 use crate::geometry::{NO_INSTANCE, SurfaceInteraction};
 use crate::sample::Distribution2d;
+use crate::texture::{ColorParam, Texture, Textures};
 
 /// Share of uniform density that every cell gets, so that what falls between the probes is still found.
 const DEFENSIVE: f32 = 0.1;
@@ -25,6 +26,21 @@ pub(super) fn tabulate(width: usize, height: usize, f: impl Fn(Vec2) -> Rgb) -> 
     let floor = DEFENSIVE * (mean.element_sum() / 3.0) as f32;
     weights.iter_mut().for_each(|w| *w += floor);
     (Distribution2d::new(width, height, &weights), Rgb::new(mean.x as f32, mean.y as f32, mean.z as f32))
+}
+
+/// Cells for the uv square of a texture: a multiple of its texels, over which probing a bilinear bitmap is exact.
+pub(super) fn grid_size(textures: &Textures, param: ColorParam) -> (usize, usize) {
+    const LEAST: usize = 128;
+    const MOST: usize = 2048;
+    let (w, h) = match param {
+        ColorParam::Texture(id) => match textures.get(id) {
+            Texture::Bitmap(b) => b.resolution(),
+            _ => (LEAST as u32, LEAST as u32),
+        },
+        ColorParam::Const(_) => (1, 1),
+    };
+    let cells = |n: usize| (n * LEAST.div_ceil(n)).min(MOST);
+    (cells(w as usize), cells(h as usize))
 }
 
 /// A place that only has texture coordinates.
