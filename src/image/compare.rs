@@ -1,6 +1,7 @@
 //! All metrics of a pair of images at once.
 
 use super::Image;
+use super::flip;
 use super::metrics::{self, Metric, MetricError};
 
 /// How far an image is from a reference. Everything serialises; `null` stands for an undefined value.
@@ -18,6 +19,8 @@ pub struct Comparison {
     /// `None` if the reference is black and the image is not.
     pub mrse: Option<Metric>,
     pub smape: Metric,
+    /// Mean ꟻLIP of the pictures as a screen shows them, without exposure or tone curve.
+    pub flip: Metric,
     /// Largest difference of any channel, and the pixel (x, y) where it is.
     pub max_difference: f64,
     pub max_at: (u32, u32),
@@ -48,6 +51,7 @@ pub fn compare(image: &Image, reference: &Image) -> Result<Comparison, MetricErr
         relmse: metrics::relmse(image, reference)?,
         mrse: metrics::mrse(image, reference)?,
         smape: metrics::smape(image, reference)?,
+        flip: flip::flip(image, reference)?,
         max_difference,
         max_at: (max_index % image.width(), max_index / image.width()),
     })

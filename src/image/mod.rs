@@ -10,6 +10,7 @@ mod exr;
 #[cfg(test)]
 #[path = "tests.rs"]
 mod file_tests;
+pub mod flip;
 mod hdr;
 mod io;
 mod ldr;
