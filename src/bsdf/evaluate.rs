@@ -1,16 +1,22 @@
 use arrayvec::ArrayVec;
+use glam::Vec3;
 
 use super::conductor::Mirror;
 use super::dielectric::{Dielectric, ThinReflection, ThinTransmission};
 use super::diffuse::{DiffuseBsdf, Lambert};
 use super::lobe::{Kind, Lobe};
-use super::material::Plastic;
+use super::material::{Plastic, Principled, PrincipledThin, RoughPlastic, Roughness};
+use super::microfacet::{Distribution, Microfacet};
+use super::phong::Phong;
 use super::plastic::{PlasticBase, PlasticCoat};
-use super::scatter::from_lobes;
-use super::{Bsdf, LobeMask, MAX_LOBES, Material, MaterialId};
+use super::principled::{ClearCoat, DiffuseTransmission, PrincipledDiffuse, PrincipledSpecular, ThinSpecular, tint_of};
+use super::rough::{RoughConductor, RoughDielectric};
+use super::rough_plastic::{RoughBase, RoughCoat};
+use super::scatter::{Normals, from_lobes};
+use super::{Bsdf, DELTA_ALPHA, Ior, LobeMask, MAX_LOBES, Material, MaterialId};
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, SurfaceInteraction};
-use crate::math::Frame;
+use crate::math::{Frame, sqr};
 use crate::texture::{ColorParam, FloatParam, Textures};
 
 /// Looks up everything that the material says at `si` and decides its sides for `si.wo`.
@@ -47,8 +53,8 @@ pub fn evaluate(
     let mut frame = Frame::from_normal_tangent(si.ns, si.dpdu);
     frame.n *= flip;
     let mut point = Point { materials, textures, si, geometry, lobes: ArrayVec::new() };
-    point.flatten(id, Place { frame, front, weight: 1.0 });
-    from_lobes(si.ng, &point.lobes)
+    point.flatten(id, Place { frame, front, weight: 1.0, shadow: 0.0 });
+    from_lobes(Normals { ng: si.ng, ns: si.ns }, &point.lobes)
 }
 
 /// The point that is being evaluated, and the lobes found so far.
@@ -67,6 +73,8 @@ struct Place {
     /// The viewer is on the side of the frame's normal.
     front: bool,
     weight: f32,
+    /// See [`Lobe`]: the shadowing of bent normals.
+    shadow: f32,
 }
 
 impl Point<'_> {
@@ -81,7 +89,13 @@ impl Point<'_> {
     fn push(&mut self, place: Place, class: LobeMask, kind: Kind) {
         if place.weight > 0.0 {
             // `check` bounds the count; a lobe beyond it would be dropped rather than panic.
-            let _ = self.lobes.try_push(Lobe { frame: place.frame, weight: place.weight, class, kind });
+            let _ = self.lobes.try_push(Lobe {
+                frame: place.frame,
+                weight: place.weight,
+                shadow: place.shadow,
+                class,
+                kind,
+            });
         }
     }
 
@@ -100,19 +114,21 @@ impl Point<'_> {
                 self.flatten(*first, Place { weight: place.weight * (1.0 - t), ..place });
                 self.flatten(*second, Place { weight: place.weight * t, ..place });
             }
+            Material::BumpMap { height, scale, nested } => {
+                let n = self.bump_normal(*height, *scale);
+                self.flatten(*nested, self.bend(place, n));
+            }
+            Material::NormalMap { normals, nested } => {
+                let [x, y, z] = (self.color(*normals) * 2.0 - Rgb::WHITE).to_array();
+                self.flatten(*nested, self.bend(place, Vec3::new(x, y, z)));
+            }
             Material::Null => self.push(place, LobeMask::NULL, Kind::Null),
-            Material::Dielectric { ior, reflectance, transmittance } => {
-                let (reflectance, transmittance) = (self.color(*reflectance), self.color(*transmittance));
-                let lobe = Dielectric { ior: *ior, reflectance, transmittance };
-                self.push(place, LobeMask::DELTA, Kind::Dielectric(lobe));
+            material => {
+                self.transmissive(material, place);
+                if place.front {
+                    self.reflective(material, place);
+                }
             }
-            Material::ThinDielectric { ior, reflectance, transmittance } => {
-                let (ior, r, t) = (*ior, self.color(*reflectance), self.color(*transmittance));
-                self.push(place, LobeMask::DELTA, Kind::ThinReflection(ThinReflection { ior, tint: r }));
-                self.push(place, LobeMask::NULL, Kind::ThinTransmission(ThinTransmission { ior, tint: t }));
-            }
-            one_sided if place.front => self.reflective(one_sided, place),
-            _ => {}
         }
     }
 
@@ -122,6 +138,78 @@ impl Point<'_> {
         }
         let frame = Frame { n: -place.frame.n, ..place.frame };
         self.flatten(back, Place { frame, front: true, ..place });
+    }
+
+    /// The normal of the surface displaced by `scale·height`, in the shading frame [Blinn 1978].
+    fn bump_normal(&self, height: FloatParam, scale: f32) -> Vec3 {
+        let si = self.si;
+        let gradient = self.textures.gradient(height, si, self.geometry) * scale;
+        let dpdu = si.dpdu + si.ns * (gradient.x - si.ns.dot(si.dpdu));
+        let dpdv = si.dpdv + si.ns * (gradient.y - si.ns.dot(si.dpdv));
+        let n = dpdu.cross(dpdv);
+        let n = if n.dot(si.ng) < 0.0 { -n } else { n };
+        Frame::from_normal_tangent(si.ns, si.dpdu).to_local(n)
+    }
+
+    /// The place with its normal bent to `n`, given in its frame, of any length.
+    fn bend(&self, place: Place, n: Vec3) -> Place {
+        let n = n.normalize_or(Vec3::Z);
+        // A normal that faces away from the viewer is turned about the pole, towards it.
+        let wo = place.frame.to_local(self.si.wo);
+        let n = if wo.z * wo.dot(n) <= 0.0 { Vec3::new(-n.x, -n.y, n.z) } else { n };
+        let tan_sq = (n.x * n.x + n.y * n.y) / (n.z * n.z).max(1e-20);
+        let s = (Vec3::X - n * n.x).normalize_or(Vec3::Y);
+        let world = |v: Vec3| place.frame.to_world(v).normalize_or(place.frame.n);
+        let frame = Frame { s: world(s), t: world(n.cross(s)), n: world(n) };
+        Place { frame, shadow: (0.125 * tan_sq).min(1.0), ..place }
+    }
+
+    fn interface(&self, ior: Ior, reflectance: ColorParam, transmittance: ColorParam) -> Dielectric {
+        Dielectric { ior, reflectance: self.color(reflectance), transmittance: self.color(transmittance) }
+    }
+
+    /// The facets of `roughness` at this point; `None` if so smooth that the lobes are delta.
+    fn facets(&self, roughness: &Roughness) -> Option<Microfacet> {
+        let alpha = |p| self.textures.float(p, self.si, self.geometry);
+        let (ax, ay) = (alpha(roughness.alpha_u), alpha(roughness.alpha_v));
+        // One smooth direction beside a rough one is as smooth as facets can be; NaN counts as smooth.
+        let rough = ax >= DELTA_ALPHA || ay >= DELTA_ALPHA;
+        rough.then(|| Microfacet {
+            distribution: roughness.distribution,
+            ax: ax.max(DELTA_ALPHA),
+            ay: ay.max(DELTA_ALPHA),
+        })
+    }
+
+    /// Adds the lobes of a material that works on both sides.
+    fn transmissive(&mut self, material: &Material, place: Place) {
+        match material {
+            Material::Dielectric { ior, reflectance, transmittance } => {
+                let lobe = self.interface(*ior, *reflectance, *transmittance);
+                self.push(place, LobeMask::DELTA, Kind::Dielectric(lobe));
+            }
+            Material::RoughDielectric { roughness, ior, reflectance, transmittance } => {
+                let smooth = self.interface(*ior, *reflectance, *transmittance);
+                // Between nearly equal media refraction bends by less than directions resolve.
+                match self.facets(roughness).filter(|f| f.sharpness() * smooth.ior.m.abs() > 2.0 * DELTA_ALPHA) {
+                    Some(facets) => {
+                        let Dielectric { ior, reflectance, transmittance } = smooth;
+                        let lobe = RoughDielectric { facets, ior, reflectance, transmittance };
+                        let class = LobeMask::of_roughness(facets.sharpness());
+                        self.push(place, class, Kind::RoughDielectric(lobe));
+                    }
+                    None => self.push(place, LobeMask::DELTA, Kind::Dielectric(smooth)),
+                }
+            }
+            Material::ThinDielectric { ior, reflectance, transmittance } => {
+                let (ior, r, t) = (*ior, self.color(*reflectance), self.color(*transmittance));
+                self.push(place, LobeMask::DELTA, Kind::ThinReflection(ThinReflection { ior, tint: r }));
+                self.push(place, LobeMask::NULL, Kind::ThinTransmission(ThinTransmission { ior, tint: t }));
+            }
+            Material::Principled(p) => self.principled(p, place),
+            Material::PrincipledThin(p) => self.principled_thin(p, place),
+            _ => {}
+        }
     }
 
     /// Adds the lobes of a material that reflects on its front only, seen from there.
@@ -135,16 +223,126 @@ impl Point<'_> {
                 let lobe = Mirror { eta: self.color(*eta), k: self.color(*k), specular: self.color(*specular) };
                 self.push(place, LobeMask::DELTA, Kind::Mirror(lobe));
             }
+            Material::RoughConductor { roughness, eta, k, specular } => {
+                let (eta, k, specular) = (self.color(*eta), self.color(*k), self.color(*specular));
+                match self.facets(roughness) {
+                    Some(facets) => {
+                        let lobe = RoughConductor { facets, eta, k, specular };
+                        self.push(place, LobeMask::of_roughness(facets.sharpness()), Kind::RoughConductor(lobe));
+                    }
+                    None => self.push(place, LobeMask::DELTA, Kind::Mirror(Mirror { eta, k, specular })),
+                }
+            }
             Material::Plastic(p) => self.plastic(p, place),
+            Material::RoughPlastic(p) => self.rough_plastic(p, place),
+            Material::Phong { diffuse, specular, exponent } => {
+                let exponent = self.textures.float(*exponent, self.si, self.geometry).max(0.0);
+                let lobe = Phong { exponent, tint: self.color(*specular) };
+                let reflectance = self.color(*diffuse);
+                // The roughness whose facets are about as wide [Walter et al. 2007, §5.2].
+                let class = LobeMask::of_roughness((2.0 / (exponent + 2.0)).sqrt().max(DELTA_ALPHA));
+                self.push(place, class, Kind::Phong(lobe));
+                self.push(place, LobeMask::DIFFUSE, Kind::Lambert(Lambert { reflectance }));
+            }
             _ => {}
         }
     }
 
     fn plastic(&mut self, p: &Plastic, place: Place) {
         let coat = PlasticCoat { ior: p.ior, tint: self.color(p.specular) };
-        let strength = PlasticBase::strength(self.color(p.diffuse), p.ior, p.r_int, p.nonlinear);
-        let base = PlasticBase { ior: p.ior, strength, t_ext: p.t_ext };
+        let base = PlasticBase { ior: p.ior, strength: p.strength(self.color(p.diffuse)), t_ext: p.t_ext };
         self.push(place, LobeMask::DELTA, Kind::PlasticCoat(coat));
         self.push(place, LobeMask::DIFFUSE, Kind::PlasticBase(base));
+    }
+
+    fn rough_plastic(&mut self, p: &RoughPlastic, place: Place) {
+        let coat = RoughCoat { facets: p.facets, ior: p.plastic.ior, tint: self.color(p.plastic.specular) };
+        let strength = p.plastic.strength(self.color(p.plastic.diffuse));
+        let base = RoughBase { transmittance: p.transmittance, strength, t_ext: p.plastic.t_ext };
+        self.push(place, LobeMask::of_roughness(p.facets.ax), Kind::RoughCoat(coat));
+        self.push(place, LobeMask::DIFFUSE, Kind::RoughBase(base));
+    }
+
+    fn principled(&mut self, p: &Principled, place: Place) {
+        let base = self.color(p.base_color);
+        let (metallic, spec_trans) = (self.unit(p.metallic), self.unit(p.spec_trans));
+        let bsdf = (1.0 - metallic) * spec_trans;
+        // An interface of index 1 would not refract at all.
+        let eta = if bsdf > 0.0 && p.eta == 1.0 { 1.001 } else { p.eta };
+        let ior = Ior::new(eta as f64, 1.0);
+        let facets = self.disney_facets(p.roughness, p.anisotropic, 1.0);
+
+        let class = LobeMask::of_roughness(facets.sharpness());
+        let spec_tint = self.unit(p.spec_tint);
+        if place.front || bsdf > 0.0 {
+            let lobe = PrincipledSpecular { facets, ior, base, metallic, spec_tint, bsdf };
+            self.push(place, class, Kind::PrincipledSpecular(lobe));
+        }
+        if !place.front {
+            return;
+        }
+        let share = (1.0 - metallic) * (1.0 - spec_trans);
+        if share > 0.0 {
+            let lobe = PrincipledDiffuse {
+                base: base * share,
+                roughness: self.unit(p.roughness),
+                flatness: self.unit(p.flatness),
+                sheen: self.sheen(base, p.sheen, p.sheen_tint) * (1.0 - metallic),
+                both_sides: false,
+            };
+            self.push(place, LobeMask::DIFFUSE, Kind::PrincipledDiffuse(lobe));
+        }
+        let clearcoat = self.unit(p.clearcoat);
+        if clearcoat > 0.0 {
+            let alpha = 0.1 + (0.001 - 0.1) * self.unit(p.clearcoat_gloss);
+            let lobe = ClearCoat { strength: 0.25 * clearcoat, alpha, ior };
+            self.push(place, LobeMask::of_roughness(alpha), Kind::ClearCoat(lobe));
+        }
+    }
+
+    fn principled_thin(&mut self, p: &PrincipledThin, place: Place) {
+        let base = self.color(p.base_color);
+        let eta = self.textures.float(p.eta, self.si, self.geometry);
+        let (strength, spec_tint) = (self.unit(p.spec_trans), self.unit(p.spec_tint));
+        let diff_trans = 0.5 * self.textures.float(p.diff_trans, self.si, self.geometry).clamp(0.0, 2.0);
+
+        // Diffuse reflection and transmission share what the specular lobes leave.
+        let share = (1.0 - strength) * (1.0 - diff_trans);
+        if share > 0.0 {
+            let lobe = PrincipledDiffuse {
+                base: base * share,
+                roughness: self.unit(p.roughness),
+                flatness: self.unit(p.flatness),
+                sheen: self.sheen(base, p.sheen, p.sheen_tint) * share,
+                both_sides: true,
+            };
+            self.push(place, LobeMask::DIFFUSE, Kind::PrincipledDiffuse(lobe));
+        }
+        if (1.0 - strength) * diff_trans > 0.0 {
+            let lobe = DiffuseTransmission { transmittance: base * ((1.0 - strength) * diff_trans) };
+            self.push(place, LobeMask::DIFFUSE, Kind::DiffuseTransmission(lobe));
+        }
+        if strength <= 0.0 {
+            return;
+        }
+        // Transmission has a roughness of its own [Burley 2015, figure 15].
+        for (transmit, scale) in [(false, 1.0), (true, 0.65 * eta - 0.35)] {
+            let facets = self.disney_facets(p.roughness, p.anisotropic, scale);
+            let ior = Ior::new(eta as f64, 1.0);
+            let lobe = ThinSpecular { facets, ior, strength, base, spec_tint, transmit };
+            self.push(place, LobeMask::of_roughness(facets.sharpness()), Kind::ThinSpecular(lobe));
+        }
+    }
+
+    fn sheen(&self, base: Rgb, sheen: FloatParam, tint: FloatParam) -> Rgb {
+        Rgb::WHITE.lerp(tint_of(base), self.unit(tint)) * self.unit(sheen)
+    }
+
+    /// Roughness squared, stretched by the anisotropy [Burley 2012, §5.4].
+    fn disney_facets(&self, roughness: FloatParam, anisotropic: FloatParam, scale: f32) -> Microfacet {
+        let alpha = sqr(scale * self.unit(roughness));
+        let aspect = (1.0 - 0.9 * self.unit(anisotropic)).sqrt();
+        let (ax, ay) = ((alpha / aspect).max(0.001), (alpha * aspect).max(0.001));
+        Microfacet { distribution: Distribution::Ggx, ax, ay }
     }
 }

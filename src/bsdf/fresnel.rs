@@ -59,10 +59,19 @@ impl Ior {
             return Fresnel { r: 1.0, g: 0.0 };
         }
         let g = g_sq.sqrt();
+        Fresnel { r: self.reflectance(c, g), g }
+    }
+
+    /// Reflected power for the cosines of a ray that is refracted: `c` on this side, `g = η cos θt`.
+    #[inline]
+    pub fn reflectance(self, c: f32, g: f32) -> f32 {
+        if self.m == 0.0 {
+            return 0.0;
+        }
         let e = self.eta * self.eta;
         let rs = self.m / sqr(c + g);
         let rp = self.m * ((e + 1.0) * c * c - 1.0) / sqr(e * c + g);
-        Fresnel { r: (0.5 * (rs * rs + rp * rp)).min(1.0), g }
+        (0.5 * (rs * rs + rp * rp)).min(1.0)
     }
 }
 

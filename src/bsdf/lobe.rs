@@ -6,7 +6,11 @@ use super::Mode;
 use super::conductor::Mirror;
 use super::dielectric::{Dielectric, ThinReflection, ThinTransmission};
 use super::diffuse::Lambert;
+use super::phong::Phong;
 use super::plastic::{PlasticBase, PlasticCoat};
+use super::principled::{ClearCoat, DiffuseTransmission, PrincipledDiffuse, PrincipledSpecular, ThinSpecular};
+use super::rough::{RoughConductor, RoughDielectric, coat_pdf};
+use super::rough_plastic::{RoughBase, RoughCoat};
 use crate::color::Rgb;
 use crate::math::Frame;
 
@@ -34,6 +38,18 @@ impl LobeMask {
     pub const SMOOTH_WIDE: Self = Self(3);
     /// The lobes that photon methods follow ray by ray.
     pub const SPECULAR: Self = Self(28);
+
+    /// The class of a lobe of roughness `alpha`.
+    #[inline]
+    pub fn of_roughness(alpha: f32) -> Self {
+        if alpha < super::DELTA_ALPHA {
+            Self::DELTA
+        } else if alpha < super::SHARP_ALPHA {
+            Self::SHARP
+        } else {
+            Self::GLOSSY
+        }
+    }
 
     /// True when the sets have a class in common.
     #[inline]
@@ -100,6 +116,8 @@ impl LobeSample {
 pub struct Lobe {
     pub(super) frame: Frame,
     pub(super) weight: f32,
+    /// Squared roughness of the shadowing that a bump or normal map casts; 0 without one.
+    pub(super) shadow: f32,
     pub(super) class: LobeMask,
     pub(super) kind: Kind,
 }
@@ -114,16 +132,36 @@ pub(super) enum Kind {
     ThinTransmission(ThinTransmission),
     PlasticCoat(PlasticCoat),
     PlasticBase(PlasticBase),
+    RoughConductor(RoughConductor),
+    RoughDielectric(RoughDielectric),
+    RoughCoat(RoughCoat),
+    RoughBase(RoughBase),
+    Phong(Phong),
+    PrincipledDiffuse(PrincipledDiffuse),
+    PrincipledSpecular(PrincipledSpecular),
+    ClearCoat(ClearCoat),
+    ThinSpecular(ThinSpecular),
+    DiffuseTransmission(DiffuseTransmission),
     Null,
 }
 
 impl Kind {
     /// `f·|cos θi|` of local directions, with the factor for `mode`; 0 for delta lobes.
     #[inline]
-    pub fn eval(&self, wo: Vec3, wi: Vec3, _mode: Mode) -> Rgb {
+    pub fn eval(&self, wo: Vec3, wi: Vec3, mode: Mode) -> Rgb {
         match self {
             Self::Lambert(l) => l.eval(wo, wi),
             Self::PlasticBase(l) => l.eval(wo, wi),
+            Self::RoughConductor(l) => l.eval(wo, wi),
+            Self::RoughDielectric(l) => l.eval(wo, wi, mode),
+            Self::RoughCoat(l) => l.eval(wo, wi),
+            Self::RoughBase(l) => l.eval(wo, wi),
+            Self::Phong(l) => l.eval(wo, wi),
+            Self::PrincipledDiffuse(l) => l.eval(wo, wi),
+            Self::PrincipledSpecular(l) => l.eval(wo, wi, mode),
+            Self::ClearCoat(l) => l.eval(wo, wi),
+            Self::ThinSpecular(l) => l.eval(wo, wi),
+            Self::DiffuseTransmission(l) => l.eval(wo, wi),
             Self::Mirror(_)
             | Self::Dielectric(_)
             | Self::ThinReflection(_)
@@ -137,7 +175,16 @@ impl Kind {
     #[inline]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         match self {
-            Self::Lambert(_) | Self::PlasticBase(_) => Lambert::pdf(wo, wi),
+            Self::Lambert(_) | Self::PlasticBase(_) | Self::RoughBase(_) => Lambert::pdf(wo, wi),
+            Self::RoughConductor(l) => coat_pdf(&l.facets, wo, wi),
+            Self::RoughCoat(l) => coat_pdf(&l.facets, wo, wi),
+            Self::RoughDielectric(l) => l.pdf(wo, wi),
+            Self::Phong(l) => l.pdf(wo, wi),
+            Self::PrincipledDiffuse(l) => l.pdf(wo, wi),
+            Self::PrincipledSpecular(l) => l.pdf(wo, wi),
+            Self::ClearCoat(l) => l.pdf(wo, wi),
+            Self::ThinSpecular(l) => l.pdf(wo, wi),
+            Self::DiffuseTransmission(_) => DiffuseTransmission::pdf(wo, wi),
             Self::Mirror(_)
             | Self::Dielectric(_)
             | Self::ThinReflection(_)
@@ -157,6 +204,16 @@ impl Kind {
             Self::ThinTransmission(l) => l.sample(wo),
             Self::PlasticCoat(l) => l.sample(wo),
             Self::PlasticBase(l) => l.sample(wo, u),
+            Self::RoughConductor(l) => l.sample(wo, u),
+            Self::RoughDielectric(l) => l.sample(wo, u_lobe, u, mode),
+            Self::RoughCoat(l) => l.sample(wo, u),
+            Self::RoughBase(l) => l.sample(wo, u),
+            Self::Phong(l) => l.sample(wo, u),
+            Self::PrincipledDiffuse(l) => l.sample(wo, u),
+            Self::PrincipledSpecular(l) => l.sample(wo, u_lobe, u, mode),
+            Self::ClearCoat(l) => l.sample(wo, u),
+            Self::ThinSpecular(l) => l.sample(wo, u),
+            Self::DiffuseTransmission(l) => l.sample(wo, u),
             Self::Null => Some(LobeSample { wi: -wo, weight: Rgb::WHITE, pdf: 1.0, eta: 1.0, transmit: true }),
         }
     }
@@ -164,7 +221,13 @@ impl Kind {
     /// True when the lobe can send light to the other side of the surface.
     #[inline]
     pub fn transmits(&self) -> bool {
-        matches!(self, Self::Dielectric(_) | Self::ThinTransmission(_) | Self::Null)
+        match self {
+            Self::Dielectric(_) | Self::RoughDielectric(_) | Self::ThinTransmission(_) => true,
+            Self::DiffuseTransmission(_) | Self::Null => true,
+            Self::PrincipledSpecular(l) => l.bsdf > 0.0,
+            Self::ThinSpecular(l) => l.transmit,
+            _ => false,
+        }
     }
 
     /// Estimate of the directional albedo; it also decides how often the lobe is chosen.
@@ -178,6 +241,16 @@ impl Kind {
             Self::ThinTransmission(l) => l.albedo(wo),
             Self::PlasticCoat(l) => l.albedo(wo),
             Self::PlasticBase(l) => l.albedo(wo),
+            Self::RoughConductor(l) => l.albedo(wo),
+            Self::RoughDielectric(l) => l.albedo(wo),
+            Self::RoughCoat(l) => l.albedo(wo),
+            Self::RoughBase(l) => l.albedo(wo),
+            Self::Phong(l) => l.albedo(wo),
+            Self::PrincipledDiffuse(l) => l.albedo(wo),
+            Self::PrincipledSpecular(l) => l.albedo(wo),
+            Self::ClearCoat(l) => l.albedo(wo),
+            Self::ThinSpecular(l) => l.albedo(wo),
+            Self::DiffuseTransmission(l) => l.transmittance,
             Self::Null => Rgb::WHITE,
         }
     }

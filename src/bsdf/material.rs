@@ -1,32 +1,72 @@
-use super::{Ior, LobeMask, MAX_LOBES, diffuse_reflectance};
+use super::microfacet::{Distribution, Microfacet};
+use super::plastic::PlasticBase;
+use super::rough_plastic::{TransmittanceFit, diffuse_rough_reflectance};
+use super::{DELTA_ALPHA, Ior, diffuse_reflectance};
+use crate::color::Rgb;
 use crate::texture::{ColorParam, FloatParam};
 
 /// Index into the materials of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MaterialId(pub u32);
 
-/// A material as a scene file describes it. The constructors take Mitsuba's parameters; `DEFAULT_…` constants hold
-/// Mitsuba's defaults where a number needs a name.
+/// A material as a scene file describes it, with Mitsuba's parameters.
 #[derive(Clone, Debug)]
 pub enum Material {
-    /// Lambertian, one-sided.
+    /// Lambertian, one-sided. Default reflectance 0.5.
     Diffuse { reflectance: ColorParam },
-    /// Smooth interface between two dielectrics.
+    /// Smooth interface between two dielectrics. Defaults bk7 in air, tints 1.
     Dielectric { ior: Ior, reflectance: ColorParam, transmittance: ColorParam },
-    /// Thin plate: reflects, or lets straight through.
+    /// Thin plate: reflects, or lets straight through. Defaults as for the dielectric.
     ThinDielectric { ior: Ior, reflectance: ColorParam, transmittance: ColorParam },
-    /// Smooth conductor of index `eta + i·k`, one-sided.
+    /// Rough interface between two dielectrics. Defaults as for the dielectric.
+    RoughDielectric { roughness: Roughness, ior: Ior, reflectance: ColorParam, transmittance: ColorParam },
+    /// Smooth conductor of index `eta + i·k`, one-sided. Default `Cu`, tint 1.
     Conductor { eta: ColorParam, k: ColorParam, specular: ColorParam },
+    /// Rough conductor, one-sided. Defaults as for the conductor.
+    RoughConductor { roughness: Roughness, eta: ColorParam, k: ColorParam, specular: ColorParam },
     /// Diffuse base under a smooth dielectric coat, one-sided; see [`Material::plastic`].
     Plastic(Plastic),
-    /// Gives one-sided materials to both sides.
+    /// Diffuse base under a rough dielectric coat, one-sided; see [`Material::rough_plastic`].
+    RoughPlastic(RoughPlastic),
+    /// Modified Phong, one-sided. Defaults diffuse 0.5, specular 0.2, exponent 30.
+    Phong { diffuse: ColorParam, specular: ColorParam, exponent: FloatParam },
+    /// The many-parameter material of Burley; see [`Principled`].
+    Principled(Box<Principled>),
+    /// Its variant for thin sheets; see [`PrincipledThin`].
+    PrincipledThin(Box<PrincipledThin>),
+    /// Gives one-sided materials to both sides; `back` equals `front` when the file names one.
     TwoSided { front: MaterialId, back: MaterialId },
-    /// `nested` where `opacity` is 1, nothing where it is 0.
+    /// `nested` where `opacity` is 1, nothing where it is 0. Default opacity 0.5.
     Mask { opacity: FloatParam, nested: MaterialId },
     /// `(1 − weight)·first + weight·second`.
     Blend { weight: FloatParam, first: MaterialId, second: MaterialId },
+    /// `nested` with normals bent by a height field of `scale·height`, a length in scene space. Default scale 1.
+    BumpMap { height: FloatParam, scale: f32, nested: MaterialId },
+    /// `nested` with normals `2c − 1` in the frame (∂p/∂u, ·, ns).
+    NormalMap { normals: ColorParam, nested: MaterialId },
     /// Not there: an interface between media.
     Null,
+}
+
+/// Roughness of a microfacet material: `alpha` along the tangent and the bitangent. Defaults Beckmann, 0.1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Roughness {
+    pub distribution: Distribution,
+    pub alpha_u: FloatParam,
+    pub alpha_v: FloatParam,
+}
+
+impl Default for Roughness {
+    fn default() -> Self {
+        Self::isotropic(Distribution::Beckmann, 0.1.into())
+    }
+}
+
+impl Roughness {
+    /// The same roughness in all directions.
+    pub fn isotropic(distribution: Distribution, alpha: FloatParam) -> Self {
+        Self { distribution, alpha_u: alpha, alpha_v: alpha }
+    }
 }
 
 /// Parameters of the smooth plastic, with what can be computed once.
@@ -40,98 +80,145 @@ pub struct Plastic {
     pub(super) nonlinear: bool,
 }
 
+/// Parameters of the rough plastic, with what can be computed once.
+#[derive(Clone, Debug)]
+pub struct RoughPlastic {
+    pub(super) plastic: Plastic,
+    pub(super) facets: Microfacet,
+    pub(super) transmittance: TransmittanceFit,
+}
+
+impl Plastic {
+    pub(super) fn strength(&self, diffuse: Rgb) -> Rgb {
+        PlasticBase::strength(diffuse, self.ior, self.r_int, self.nonlinear)
+    }
+}
+
+/// Parameters of the principled material, with Mitsuba's names and defaults.
+#[derive(Clone, Debug)]
+pub struct Principled {
+    pub base_color: ColorParam,
+    pub roughness: FloatParam,
+    pub anisotropic: FloatParam,
+    pub metallic: FloatParam,
+    pub spec_trans: FloatParam,
+    /// Interior over exterior index.
+    pub eta: f32,
+    pub spec_tint: FloatParam,
+    pub sheen: FloatParam,
+    pub sheen_tint: FloatParam,
+    pub flatness: FloatParam,
+    pub clearcoat: FloatParam,
+    pub clearcoat_gloss: FloatParam,
+}
+
+impl Default for Principled {
+    fn default() -> Self {
+        let zero = FloatParam::Const(0.0);
+        Self {
+            base_color: Rgb::splat(0.5).into(),
+            roughness: 0.5.into(),
+            anisotropic: zero,
+            metallic: zero,
+            spec_trans: zero,
+            eta: Self::eta_of_specular(0.5),
+            spec_tint: zero,
+            sheen: zero,
+            sheen_tint: zero,
+            flatness: zero,
+            clearcoat: zero,
+            clearcoat_gloss: zero,
+        }
+    }
+}
+
+impl Principled {
+    /// The index whose reflectance at normal incidence is `0.08·specular` [Burley 2012, §5.4].
+    pub fn eta_of_specular(specular: f32) -> f32 {
+        2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0
+    }
+}
+
+/// Parameters of the thin principled material, with Mitsuba's names and defaults.
+#[derive(Clone, Debug)]
+pub struct PrincipledThin {
+    pub base_color: ColorParam,
+    pub roughness: FloatParam,
+    pub anisotropic: FloatParam,
+    pub spec_trans: FloatParam,
+    /// Index of the sheet.
+    pub eta: FloatParam,
+    pub spec_tint: FloatParam,
+    pub sheen: FloatParam,
+    pub sheen_tint: FloatParam,
+    pub flatness: FloatParam,
+    /// Diffuse transmission: 0 reflects all, 2 transmits all.
+    pub diff_trans: FloatParam,
+}
+
+impl Default for PrincipledThin {
+    fn default() -> Self {
+        let zero = FloatParam::Const(0.0);
+        Self {
+            base_color: Rgb::splat(0.5).into(),
+            roughness: 0.5.into(),
+            anisotropic: zero,
+            spec_trans: zero,
+            eta: 1.5.into(),
+            spec_tint: zero,
+            sheen: zero,
+            sheen_tint: zero,
+            flatness: zero,
+            diff_trans: zero,
+        }
+    }
+}
+
 impl Material {
-    /// A diffuse base under a smooth coat of index `int_ior` in a medium of index `ext_ior`.
+    /// A diffuse base under a smooth coat of index `int_ior` in a medium of index `ext_ior`. Mitsuba's defaults are
+    /// polypropylene in air, diffuse 0.5, specular 1, linear.
     pub fn plastic(int_ior: f64, ext_ior: f64, diffuse: ColorParam, specular: ColorParam, nonlinear: bool) -> Self {
-        let eta = int_ior / ext_ior;
-        Self::Plastic(Plastic {
-            ior: Ior::new(int_ior, ext_ior),
-            r_int: diffuse_reflectance(1.0 / eta) as f32,
-            t_ext: (1.0 - diffuse_reflectance(eta)) as f32,
-            diffuse,
-            specular,
-            nonlinear,
-        })
+        Self::Plastic(smooth_plastic(int_ior, ext_ior, diffuse, specular, nonlinear))
+    }
+
+    /// The same under a coat of roughness `alpha` (defaults Beckmann, 0.1); measures the coat's transmittance.
+    pub fn rough_plastic(
+        (distribution, alpha): (Distribution, f32),
+        (int_ior, ext_ior): (f64, f64),
+        diffuse: ColorParam,
+        specular: ColorParam,
+        nonlinear: bool,
+    ) -> Self {
+        let mut plastic = smooth_plastic(int_ior, ext_ior, diffuse, specular, nonlinear);
+        if alpha < DELTA_ALPHA {
+            return Self::Plastic(plastic);
+        }
+        let facets = Microfacet { distribution, ax: alpha, ay: alpha };
+        let transmittance = TransmittanceFit::measure(&facets, plastic.ior);
+        plastic.r_int = diffuse_rough_reflectance(&facets, plastic.ior.flipped());
+        plastic.t_ext = transmittance.mean();
+        Self::RoughPlastic(RoughPlastic { plastic, facets, transmittance })
     }
 
     /// Materials that this one refers to.
     pub fn children(&self) -> Vec<MaterialId> {
-        match self {
-            Self::TwoSided { front, back } => vec![*front, *back],
-            Self::Mask { nested, .. } => vec![*nested],
-            Self::Blend { first, second, .. } => vec![*first, *second],
+        match *self {
+            Self::TwoSided { front, back } => vec![front, back],
+            Self::Blend { first, second, .. } => vec![first, second],
+            Self::Mask { nested, .. } | Self::BumpMap { nested, .. } | Self::NormalMap { nested, .. } => vec![nested],
             _ => Vec::new(),
         }
     }
-
-    /// Lobes of the material itself, children not counted.
-    fn own_lobes(&self) -> usize {
-        match self {
-            Self::TwoSided { .. } | Self::Blend { .. } => 0,
-            Self::Plastic(_) | Self::ThinDielectric { .. } => 2,
-            _ => 1,
-        }
-    }
-
-    fn transmits(&self) -> bool {
-        matches!(self, Self::Dielectric { .. } | Self::ThinDielectric { .. })
-    }
 }
 
-/// What is wrong with the way materials refer to each other.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum MaterialError {
-    #[error("the material refers to a material that does not exist")]
-    Missing(MaterialId),
-    #[error("the material contains itself")]
-    Cycle(MaterialId),
-    #[error("the material flattens to {count} lobes, at most {MAX_LOBES} are supported: nest fewer blends")]
-    TooManyLobes { id: MaterialId, count: usize },
-    #[error("only materials without transmission can be nested in a two-sided one")]
-    TransmissiveTwoSided(MaterialId),
-}
-
-/// Checks everything about `materials` that [`evaluate`](super::evaluate) relies on.
-pub fn check(materials: &[Material]) -> Result<(), MaterialError> {
-    for i in 0..materials.len() {
-        let id = MaterialId(i as u32);
-        let count = count_lobes(materials, id, 0, false)?;
-        if count > MAX_LOBES {
-            return Err(MaterialError::TooManyLobes { id, count });
-        }
+fn smooth_plastic(int_ior: f64, ext_ior: f64, diffuse: ColorParam, specular: ColorParam, nonlinear: bool) -> Plastic {
+    let eta = int_ior / ext_ior;
+    Plastic {
+        ior: Ior::new(int_ior, ext_ior),
+        r_int: diffuse_reflectance(1.0 / eta) as f32,
+        t_ext: (1.0 - diffuse_reflectance(eta)) as f32,
+        diffuse,
+        specular,
+        nonlinear,
     }
-    Ok(())
-}
-
-/// Lobes of `id` with its children, following references no deeper than there are materials.
-fn count_lobes(materials: &[Material], id: MaterialId, depth: usize, two_sided: bool) -> Result<usize, MaterialError> {
-    if depth > materials.len() {
-        return Err(MaterialError::Cycle(id));
-    }
-    let m = materials.get(id.0 as usize).ok_or(MaterialError::Missing(id))?;
-    if two_sided && m.transmits() {
-        return Err(MaterialError::TransmissiveTwoSided(id));
-    }
-    let below = matches!(m, Material::TwoSided { .. });
-    let mut counts = m.children().into_iter().map(|c| count_lobes(materials, c, depth + 1, two_sided || below));
-    let nested = match m {
-        // One of the sides at a time.
-        Material::TwoSided { .. } => counts.try_fold(0, |a, c| c.map(|c| c.max(a)))?,
-        _ => counts.try_fold(0, |a, c| c.map(|c| a + c))?,
-    };
-    Ok(m.own_lobes() + nested)
-}
-
-/// True when any lobe class of `mask` could come from `id`: what a scene needs, before any point is known.
-pub fn may_have(materials: &[Material], id: MaterialId, mask: LobeMask) -> bool {
-    let Some(m) = materials.get(id.0 as usize) else { return false };
-    let own = match m {
-        Material::Diffuse { .. } => LobeMask::DIFFUSE,
-        Material::Dielectric { .. } | Material::Conductor { .. } => LobeMask::DELTA,
-        Material::ThinDielectric { .. } => LobeMask::DELTA | LobeMask::NULL,
-        Material::Plastic(_) => LobeMask::DIFFUSE | LobeMask::DELTA,
-        Material::Mask { .. } | Material::Null => LobeMask::NULL,
-        Material::TwoSided { .. } | Material::Blend { .. } => LobeMask::NONE,
-    };
-    own.intersects(mask) || m.children().into_iter().any(|c| may_have(materials, c, mask))
 }

@@ -7,6 +7,7 @@
 //! All directions are unit vectors that point away from the surface. `wo` goes back to where the walk came from (the
 //! viewer, or the light for photons), `wi` is the other one. Densities are per steradian.
 
+mod check;
 mod conductor;
 mod dielectric;
 mod diffuse;
@@ -15,14 +16,25 @@ mod fresnel;
 mod ior;
 mod lobe;
 mod material;
+mod metal;
+mod microfacet;
+mod phong;
 mod plastic;
+mod principled;
+mod rough;
+mod rough_plastic;
 mod scatter;
+#[cfg(test)]
+mod tests;
 
+pub use check::{MaterialError, check, may_have};
 pub use evaluate::evaluate;
 pub use fresnel::{Fresnel, Ior, diffuse_reflectance, fresnel_conductor};
 pub use ior::{IOR_NAMES, ior_by_name};
 pub use lobe::{Lobe, LobeMask};
-pub use material::{Material, MaterialError, MaterialId, Plastic, check, may_have};
+pub use material::{Material, MaterialId, Plastic, Principled, PrincipledThin, RoughPlastic, Roughness};
+pub use metal::{METAL_NAMES, metal_by_name};
+pub use microfacet::Distribution;
 pub use scatter::{Bsdf, BsdfSample, MAX_LOBES, Mode};
 
 /// Roughness below which a microfacet surface is smooth: its lobes are delta.

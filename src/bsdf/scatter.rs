@@ -46,17 +46,24 @@ pub enum Bsdf {
     Layers(Layers),
 }
 
-/// A single lobe with the geometric normal.
+/// The normals of the surface itself, before bump and normal maps.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Normals {
+    pub ng: Vec3,
+    pub ns: Vec3,
+}
+
+/// A single lobe.
 #[derive(Clone, Copy, Debug)]
 pub struct Single {
-    pub(super) ng: Vec3,
+    pub(super) normals: Normals,
     pub(super) lobe: Lobe,
 }
 
-/// Several lobes with the geometric normal they share.
+/// Several lobes.
 #[derive(Clone, Copy, Debug)]
 pub struct Layers {
-    pub(super) ng: Vec3,
+    pub(super) normals: Normals,
     pub(super) len: u8,
     pub(super) classes: LobeMask,
     pub(super) lobes: [Lobe; MAX_LOBES],
@@ -89,8 +96,8 @@ impl Bsdf {
             Self::Black => Rgb::BLACK,
             Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.eval(wo, wi, mode),
             Self::Diffuse(_) => Rgb::BLACK,
-            Self::Single(s) => s.lobe.eval(s.ng, wo, wi, mode, mask),
-            Self::Layers(l) => l.lobes().iter().map(|lobe| lobe.eval(l.ng, wo, wi, mode, mask)).sum(),
+            Self::Single(s) => s.lobe.eval(&s.normals, wo, wi, mode, mask),
+            Self::Layers(l) => l.lobes().iter().map(|lobe| lobe.eval(&l.normals, wo, wi, mode, mask)).sum(),
         }
     }
 
@@ -101,7 +108,7 @@ impl Bsdf {
             Self::Black => 0.0,
             Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.pdf(wo, wi),
             Self::Diffuse(_) => 0.0,
-            Self::Single(s) if mask.intersects(s.lobe.class) => s.lobe.pdf(s.ng, wo, wi),
+            Self::Single(s) if mask.intersects(s.lobe.class) => s.lobe.pdf(&s.normals, wo, wi),
             Self::Single(_) => 0.0,
             Self::Layers(l) => l.pdf(wo, wi, mask),
         }
@@ -115,7 +122,7 @@ impl Bsdf {
             Self::Black => None,
             Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.sample(wo, u, mode),
             Self::Diffuse(_) => None,
-            Self::Single(s) if mask.intersects(s.lobe.class) => s.lobe.sample(s.ng, wo, u_lobe, u, mode),
+            Self::Single(s) if mask.intersects(s.lobe.class) => s.lobe.sample(&s.normals, wo, u_lobe, u, mode),
             Self::Single(_) => None,
             Self::Layers(l) => l.sample(wo, u_lobe, u, mode, mask),
         }
@@ -190,31 +197,50 @@ impl Lobe {
     }
 
     #[inline]
-    fn local(&self, ng: Vec3, wo: Vec3, wi: Vec3) -> Local {
-        let ng = self.oriented(ng);
+    fn local(&self, normals: &Normals, wo: Vec3, wi: Vec3) -> Local {
+        let ng = self.oriented(normals.ng);
         Local { wo: self.frame.to_local(wo), wi: self.frame.to_local(wi), wo_ng: ng.dot(wo), wi_ng: ng.dot(wi) }
     }
 
+    /// The factor that makes up for what a map's normals hide: shadowing towards the light as over facets whose slopes
+    /// are those of the map [Conty Estevez, Lecocq, Stein 2019, eqs. 1-3].
     #[inline]
-    fn eval(&self, ng: Vec3, wo: Vec3, wi: Vec3, mode: Mode, mask: LobeMask) -> Rgb {
-        if !mask.intersects(self.class & LobeMask::SMOOTH) {
-            return Rgb::BLACK;
+    fn shadowing(&self, normals: &Normals, wo: Vec3, wi: Vec3, mode: Mode) -> f32 {
+        if self.shadow == 0.0 {
+            return 1.0;
         }
-        let l = self.local(ng, wo, wi);
-        if l.sides_agree() { self.kind.eval(l.wo, l.wi, mode) * (self.weight * l.adjoint(mode)) } else { Rgb::BLACK }
+        let to_light = match mode {
+            Mode::Radiance => wi,
+            Mode::Importance => wo,
+        };
+        let c = normals.ns.dot(to_light);
+        let tan_sq = (1.0 - c * c).max(0.0) / (c * c);
+        2.0 / (1.0 + (1.0 + self.shadow * tan_sq).sqrt())
     }
 
     #[inline]
-    fn pdf(&self, ng: Vec3, wo: Vec3, wi: Vec3) -> f32 {
+    fn eval(&self, normals: &Normals, wo: Vec3, wi: Vec3, mode: Mode, mask: LobeMask) -> Rgb {
+        if !mask.intersects(self.class & LobeMask::SMOOTH) {
+            return Rgb::BLACK;
+        }
+        let l = self.local(normals, wo, wi);
+        if !l.sides_agree() {
+            return Rgb::BLACK;
+        }
+        self.kind.eval(l.wo, l.wi, mode) * (self.weight * l.adjoint(mode) * self.shadowing(normals, wo, wi, mode))
+    }
+
+    #[inline]
+    fn pdf(&self, normals: &Normals, wo: Vec3, wi: Vec3) -> f32 {
         if !self.class.intersects(LobeMask::SMOOTH) {
             return 0.0;
         }
-        let l = self.local(ng, wo, wi);
+        let l = self.local(normals, wo, wi);
         if l.sides_agree() { self.kind.pdf(l.wo, l.wi) } else { 0.0 }
     }
 
     #[inline]
-    fn sample(&self, ng: Vec3, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<BsdfSample> {
+    fn sample(&self, normals: &Normals, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<BsdfSample> {
         // Straight on means exactly straight on, whatever the frame rounds to.
         if self.class == LobeMask::NULL {
             let weight = self.masked_albedo(wo, LobeMask::NULL);
@@ -222,10 +248,10 @@ impl Lobe {
         }
         let s = self.kind.sample(self.frame.to_local(wo), u_lobe, u, mode)?;
         let wi = self.frame.to_world(s.wi).normalize();
-        let l = self.local(ng, wo, wi);
-        l.sides_agree().then(|| BsdfSample {
+        let l = self.local(normals, wo, wi);
+        (l.sides_agree() && s.pdf > 0.0).then(|| BsdfSample {
             wi,
-            weight: s.weight * (self.weight * l.adjoint(mode)),
+            weight: s.weight * (self.weight * l.adjoint(mode) * self.shadowing(normals, wo, wi, mode)),
             pdf: s.pdf,
             lobe: self.class,
             eta: s.eta,
@@ -258,8 +284,13 @@ impl Layers {
         if total <= 0.0 {
             return 0.0;
         }
-        let sum: f32 =
-            self.lobes().iter().zip(shares).filter(|(_, s)| *s > 0.0).map(|(l, s)| s * l.pdf(self.ng, wo, wi)).sum();
+        let sum: f32 = self
+            .lobes()
+            .iter()
+            .zip(shares)
+            .filter(|(_, s)| *s > 0.0)
+            .map(|(l, s)| s * l.pdf(&self.normals, wo, wi))
+            .sum();
         sum / total
     }
 
@@ -279,7 +310,7 @@ impl Layers {
 
         // Sample it; a discrete choice stands for itself.
         let lobe = &self.lobes[chosen];
-        let mut s = lobe.sample(self.ng, wo, u_rest, u, mode)?;
+        let mut s = lobe.sample(&self.normals, wo, u_rest, u, mode)?;
         if !lobe.class.intersects(LobeMask::SMOOTH) {
             return Some(BsdfSample { weight: s.weight / p, pdf: s.pdf * p, ..s });
         }
@@ -287,9 +318,9 @@ impl Layers {
         // Any lobe could have picked this direction: sum over all of them.
         let (mut f, mut pdf) = (Rgb::BLACK, 0.0);
         for (l, share) in self.lobes().iter().zip(shares) {
-            f += l.eval(self.ng, wo, s.wi, mode, mask);
+            f += l.eval(&self.normals, wo, s.wi, mode, mask);
             if share > 0.0 {
-                pdf += share * l.pdf(self.ng, wo, s.wi);
+                pdf += share * l.pdf(&self.normals, wo, s.wi);
             }
         }
         s.pdf = pdf / total;
@@ -299,20 +330,18 @@ impl Layers {
 }
 
 /// Makes a [`Bsdf`] of lobes that `evaluate` collects.
-pub(super) fn from_lobes(ng: Vec3, lobes: &[Lobe]) -> Bsdf {
+pub(super) fn from_lobes(normals: Normals, lobes: &[Lobe]) -> Bsdf {
     match lobes {
         [] => Bsdf::Black,
-        [Lobe { kind: Kind::Lambert(l), weight, frame, .. }] => {
-            let ng = if frame.n.dot(ng) < 0.0 { -ng } else { ng };
+        [Lobe { kind: Kind::Lambert(l), weight, frame, shadow: 0.0, .. }] => {
+            let ng = if frame.n.dot(normals.ng) < 0.0 { -normals.ng } else { normals.ng };
             Bsdf::Diffuse(DiffuseBsdf { ns: frame.n, ng, reflectance: l.reflectance * *weight })
         }
-        [lobe] => Bsdf::Single(Single { ng, lobe: *lobe }),
+        [lobe] => Bsdf::Single(Single { normals, lobe: *lobe }),
         [first, ..] => {
-            let mut layers = Layers { ng, len: lobes.len() as u8, classes: LobeMask::NONE, lobes: [*first; MAX_LOBES] };
+            let classes = lobes.iter().fold(LobeMask::NONE, |set, lobe| set | lobe.class);
+            let mut layers = Layers { normals, len: lobes.len() as u8, classes, lobes: [*first; MAX_LOBES] };
             layers.lobes[..lobes.len()].copy_from_slice(lobes);
-            for lobe in lobes {
-                layers.classes |= lobe.class;
-            }
             Bsdf::Layers(layers)
         }
     }
