@@ -13,4 +13,6 @@ pub use mesh::{PaddedVec3s, TriangleMesh, VertexAttribute};
 pub use ray::{Hit, NO_INSTANCE, Ray};
 pub use set::{GeometrySet, Instance, SurfaceInteraction};
 pub use shape::{Cylinder, Disk, Shape, Sphere};
-pub use triangle::{ShearedRay, intersect_triangle, is_traceable, refine_triangle, triangle_normal};
+pub use triangle::{
+    RETEST, ShearedRay, intersect_triangle, is_traceable, refine_triangle, triangle_normal, triangle_point_error,
+};

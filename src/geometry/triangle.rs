@@ -109,6 +109,22 @@ pub fn triangle_normal(p: [Vec3; 3]) -> Option<Vec3> {
     (len > 0.0 && len.is_finite()).then(|| (n / len).as_vec3())
 }
 
+/// How far off a triangle a ray must start so as not to meet it again, in units of the distance to its farthest corner.
+///
+/// Plücker tests in f32, which Embree makes, misplace a triangle by about that much whatever the coordinates of the
+/// point. Measured: up to 1.0 ε on well-shaped triangles (ε = 2⁻²³), with a long tail on slivers: of 3·10⁶ rays that
+/// leave triangles, three quarters of them slivers, 792 met theirs again with 0 here, 70 with 4 ε, 14 with 8 ε. The Rust BVH
+/// needs nothing.
+pub const RETEST: f32 = 8.0 * f32::EPSILON;
+
+/// Bound on the rounding error of each coordinate of `p = Σ b_i p_i`, and on the error of a test that starts there.
+#[inline]
+pub fn triangle_point_error(tri: [Vec3; 3], b: [f32; 3], p: Vec3) -> Vec3 {
+    let sum = (b[0] * tri[0]).abs() + (b[1] * tri[1]).abs() + (b[2] * tri[2]).abs();
+    let reach_sq = tri.iter().map(|c| c.distance_squared(p)).fold(0.0, f32::max);
+    gamma(7) * sum + RETEST * reach_sq.sqrt()
+}
+
 impl TriangleMesh {
     /// Area of one triangle in the square of the mesh's unit.
     #[inline]
@@ -130,7 +146,7 @@ impl TriangleMesh {
         // Interpolate the point; its error does not grow with the distance to the ray origin.
         let b0 = 1.0 - u - v;
         let p = b0 * p0 + u * p1 + v * p2;
-        let p_err = gamma(7) * ((b0 * p0).abs() + (u * p1).abs() + (v * p2).abs());
+        let p_err = triangle_point_error(tri, [b0, u, v], p);
         // Orient the normals.
         let side = if self.flip_normals { -1.0 } else { 1.0 };
         let ng = side * triangle_normal(tri).unwrap_or_else(|| -ray.d.normalize_or(Vec3::Z));

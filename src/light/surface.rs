@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 use super::table::at_uv;
-use crate::geometry::{Shape, SurfaceInteraction, TriangleMesh, triangle_normal};
+use crate::geometry::{RETEST, Shape, SurfaceInteraction, TriangleMesh, triangle_normal, triangle_point_error};
 use crate::math::{Frame, gamma, safe_sqrt};
 use crate::sample::{Cdf, warp};
 
@@ -161,7 +161,8 @@ impl Parallelogram {
         }
         let flip = if mesh.flip_normals { -1.0 } else { 1.0 };
         let n = (cross.normalize() * flip).as_vec3();
-        let err = gamma(6) * (origin.abs() + e1.abs() + e2.abs());
+        // The corner of the triangles that is farthest from a point is at most the sum of the edges away.
+        let err = gamma(6) * (origin.abs() + e1.abs() + e2.abs()) + RETEST * (e1.length() + e2.length());
         Some(Self { origin, e1, e2, n, err, corner: [i, j], other })
     }
 
@@ -230,12 +231,14 @@ impl Triangles {
 
 /// The point of a triangle with the given barycentric weights. `None` without area.
 pub(super) fn triangle_point(mesh: &TriangleMesh, prim: u32, b: Vec2) -> Option<SurfacePoint> {
-    let [p0, p1, p2] = mesh.triangle(prim);
+    let tri = mesh.triangle(prim);
+    let [p0, p1, p2] = tri;
     let (w0, w1, w2) = (1.0 - b.x - b.y, b.x, b.y);
-    let n = triangle_normal([p0, p1, p2])?;
+    let n = triangle_normal(tri)?;
+    let p = w0 * p0 + w1 * p1 + w2 * p2;
     Some(SurfacePoint {
-        p: w0 * p0 + w1 * p1 + w2 * p2,
-        p_err: gamma(7) * (w0.abs() * p0.abs() + w1 * p1.abs() + w2 * p2.abs()),
+        p,
+        p_err: triangle_point_error(tri, [w0, w1, w2], p),
         n: if mesh.flip_normals { -n } else { n },
         prim,
         param: b,
