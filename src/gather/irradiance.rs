@@ -29,10 +29,7 @@ impl IrradianceMap {
             .par_chunks(1024)
             .flat_map_iter(|chunk| {
                 let mut scratch = KnnScratch::new();
-                chunk
-                    .iter()
-                    .filter_map(|&j| Self::record(lookup, j * STRIDE as u32, &mut scratch))
-                    .collect::<Vec<_>>()
+                chunk.iter().filter_map(|&j| Self::record(lookup, j * STRIDE as u32, &mut scratch)).collect::<Vec<_>>()
             })
             .collect();
         Self { map: PhotonMap::build(records) }
@@ -54,7 +51,14 @@ impl IrradianceMap {
 
     /// Irradiance (W·m⁻²) at the nearest record on this side of a surface with normal `ng`, and the squared radius of the
     /// estimate behind it.
-    pub fn lookup(&self, p: Vec3, ng: Vec3, front: bool, max_r_sq: f32, scratch: &mut KnnScratch) -> Option<(Rgb, f32)> {
+    pub fn lookup(
+        &self,
+        p: Vec3,
+        ng: Vec3,
+        front: bool,
+        max_r_sq: f32,
+        scratch: &mut KnnScratch,
+    ) -> Option<(Rgb, f32)> {
         let found = self.map.nearest_where(p, 1, max_r_sq, scratch, |i| {
             let flags = self.map.flags(i);
             flags.side() == front && flags.normal().dot(ng) > MIN_NORMAL_COS

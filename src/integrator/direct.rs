@@ -48,11 +48,8 @@ impl Direct {
                 continue;
             }
             let light_share = self.emitter_samples as f32 / self.bsdf_samples as f32;
-            let weight = if s.lobe.intersects(LobeMask::SMOOTH) {
-                power_heuristic(s.pdf, pdf_light * light_share)
-            } else {
-                1.0
-            };
+            let weight =
+                if s.lobe.intersects(LobeMask::SMOOTH) { power_heuristic(s.pdf, pdf_light * light_share) } else { 1.0 };
             sum += s.weight * emitted * (weight / self.bsdf_samples as f32);
         }
         sum

@@ -96,7 +96,11 @@ fn paths_for(scene: &Scene, settings: &ShootSettings) -> u64 {
         .sum();
     if stored == 0 {
         // Rare at best: spend what may be spent only if something of this kind can exist at all.
-        return if settings.target == Target::Caustic && !scene.may_have(LobeMask::SPECULAR) { 0 } else { settings.max_paths };
+        return if settings.target == Target::Caustic && !scene.may_have(LobeMask::SPECULAR) {
+            0
+        } else {
+            settings.max_paths
+        };
     }
     let wanted = (settings.photons as f64 * PILOT as f64 / stored as f64).ceil() as u64;
     wanted.clamp(1, settings.max_paths)
