@@ -104,8 +104,8 @@ impl MapFile {
         out.write_checksum()?;
         // The photons, and the checksum of everything.
         for (_, map) in &self.maps {
-            for i in 0..map.len() as u32 {
-                out.write_all(&to_bytes(&map.photon(i)))?;
+            for photon in map.heap_order() {
+                out.write_all(&to_bytes(&photon))?;
             }
         }
         out.write_checksum()?;
@@ -296,19 +296,14 @@ impl<'a> Reader<'a> {
 
     /// Reads `count` photons; the map is `None` when they are not in heap order.
     fn photons(&mut self, count: usize) -> Result<Option<PhotonMap>, MapFileError> {
-        let mut error = None;
-        let map = PhotonMap::from_heap_order((0..count).map(|_| {
-            // After a failure go on with photons that no map accepts.
-            let bad = Photon { position: [f32::NAN; 3], ..Photon::default() };
-            if error.is_some() {
-                return bad;
-            }
-            self.array().map(|bytes| from_bytes(&bytes)).unwrap_or_else(|e| {
-                error = Some(e);
-                bad
-            })
-        }));
-        error.map_or(Ok(map), Err)
+        let mut photons = Vec::with_capacity(count);
+        let mut bytes = vec![0; RECORD * count.min(1 << 14)];
+        while photons.len() < count {
+            let wanted = RECORD * (count - photons.len()).min(1 << 14);
+            self.fill(&mut bytes[..wanted])?;
+            photons.extend(bytes[..wanted].as_chunks::<RECORD>().0.iter().map(from_bytes));
+        }
+        Ok(PhotonMap::from_heap_order(&photons))
     }
 }
 

@@ -1,6 +1,7 @@
 //! The balanced photon map.
 
-use super::build::{self, Key};
+use super::build;
+use super::layout::Layout;
 use super::packed::{Flags, Photon, storable};
 use super::{direction, heap};
 use crate::color::{Rgb, rgbe};
@@ -8,35 +9,26 @@ use crate::math::{Bounds3, Vec3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Slots after the last photon, at infinity, so that a vector load never leaves the arrays.
-const PADDING: usize = 64;
-/// Levels of the heap's bottom subtrees that queries scan as runs instead of walking down.
-const BUCKET_LEVELS: u32 = 6;
-
 /// Sixteen coordinates on one cache line.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
 struct Line([f32; 16]);
 
-/// One coordinate of every slot; slot 0 is unused, so that the runs of the heap are aligned.
-pub(crate) struct Stream(Vec<Line>);
+/// The coordinates of every block: its x, then its y, then its z, on whole cache lines; infinite where no photon is.
+pub(crate) struct Positions(Vec<Line>);
 
-impl Stream {
-    fn new(slots: usize) -> Self {
-        Self(vec![Line([f32::INFINITY; 16]); (slots + 1 + PADDING).div_ceil(16)])
+impl Positions {
+    fn new(layout: &Layout) -> Self {
+        Self(vec![Line([f32::INFINITY; 16]); 3 * layout.places() / 16])
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn as_slice(&self) -> &[f32] {
         bytemuck::cast_slice(&self.0)
     }
 
     fn as_mut_slice(&mut self) -> &mut [f32] {
         bytemuck::cast_slice_mut(&mut self.0)
-    }
-
-    fn memory(&self) -> usize {
-        self.0.capacity() * size_of::<Line>()
     }
 }
 
@@ -47,17 +39,18 @@ pub(crate) struct Split {
     pub axis: u32,
 }
 
-/// Photons in the order of a left-balanced heap [Jensen 2001, section 6.1], their twenty bytes kept as separate streams.
+/// Photons in a left-balanced heap [Jensen 2001, section 6.1], their twenty bytes kept as separate streams.
 ///
-/// Photons are named by an index from 0 to `len() − 1`, their place in the heap. Child indices are arithmetic; no pointer
-/// is stored.
+/// Child indices are arithmetic; no pointer is stored. Photons are named by an index from 0 to `len() − 1`, which says
+/// where a photon is kept and means nothing else.
 pub struct PhotonMap {
-    pub(crate) x: Stream,
-    pub(crate) y: Stream,
-    pub(crate) z: Stream,
+    pub(crate) layout: Layout,
+    pub(crate) positions: Positions,
+    // By place, less one.
     power: Vec<[u8; 4]>,
     direction: Vec<[u8; 2]>,
     flags: Vec<Flags>,
+    /// By slot; slot 0 is unused.
     pub(crate) splits: Vec<Split>,
     bounds: Bounds3,
     rejected: u64,
@@ -76,75 +69,92 @@ impl PhotonMap {
         let given = photons.len();
         photons.retain(|p| storable(Vec3::from_array(p.position)));
         let rejected = (given - photons.len()) as u64;
-        assert!(u32::try_from(photons.len()).is_ok(), "a photon map holds at most 2^32 - 1 photons");
         let (keys, axes) = build::balance(&photons);
-        let mut map = Self::lay_out(&photons, &keys, &axes);
+        let n = photons.len();
+        let mut map = Self::lay_out(n, |slot| {
+            let rank = heap::rank(slot, n);
+            let key = &keys[rank];
+            let photon = &photons[key.id as usize];
+            Photon { position: key.p, flags: photon.flags.with_axis(u16::from(axes[rank])), ..*photon }
+        });
         map.rejected = rejected;
         map
     }
 
-    /// Copies photons from left-to-right order into the streams' heap order.
-    fn lay_out(photons: &[Photon], keys: &[Key], axes: &[u8]) -> Self {
-        const CHUNK: usize = 4096;
-        let n = photons.len();
-        let (mut x, mut y, mut z) = (Stream::new(n), Stream::new(n), Stream::new(n));
-        let mut power = vec![[0; 4]; n];
-        let mut direction = vec![[0; 2]; n];
-        let mut flags = vec![Flags(0); n];
-        (x.as_mut_slice()[1..=n].par_chunks_mut(CHUNK))
-            .zip(y.as_mut_slice()[1..=n].par_chunks_mut(CHUNK))
-            .zip(z.as_mut_slice()[1..=n].par_chunks_mut(CHUNK))
-            .zip(power.par_chunks_mut(CHUNK).zip(direction.par_chunks_mut(CHUNK)).zip(flags.par_chunks_mut(CHUNK)))
-            .enumerate()
-            .for_each(|(chunk, (((x, y), z), ((power, direction), flags)))| {
-                for i in 0..x.len() {
-                    let rank = heap::rank(chunk * CHUNK + i + 1, n);
-                    let photon = &photons[keys[rank].id as usize];
-                    [x[i], y[i], z[i]] = keys[rank].p;
-                    power[i] = photon.power;
-                    direction[i] = photon.direction;
-                    flags[i] = photon.flags.with_axis(u16::from(axes[rank]));
-                }
-            });
-        Self::from_streams([x, y, z], power, direction, flags)
-    }
-
-    /// A map of streams that are in heap order already.
-    fn from_streams([x, y, z]: [Stream; 3], power: Vec<[u8; 4]>, direction: Vec<[u8; 2]>, flags: Vec<Flags>) -> Self {
+    /// A map whose slot `i`, from 1 to n, holds the photon `photon(i)`.
+    fn lay_out(n: usize, photon: impl Fn(usize) -> Photon + Sync) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
-        let n = flags.len();
-        let [xs, ys, zs] = [&x, &y, &z].map(|s| &s.as_slice()[..=n]);
-        let upper = 1..Self::first_bucket_of(n);
-        let splits = std::iter::once(Split { at: 0.0, axis: 0 })
-            .chain(upper.map(|slot| {
-                let axis = flags[slot - 1].axis();
-                Split { at: [xs, ys, zs][axis][slot], axis: axis as u32 }
-            }))
-            .collect();
-        let bounds = (1..=n).into_par_iter().fold_with(Bounds3::EMPTY, |b, i| b.extend(Vec3::new(xs[i], ys[i], zs[i])));
-        let bounds = bounds.reduce(|| Bounds3::EMPTY, Bounds3::union);
+        assert!(u32::try_from(n).is_ok(), "a photon map holds at most 2^32 - 1 photons");
+        let layout = Layout::new(n);
+        let mut positions = Positions::new(&layout);
+        let (mut power, mut direction, mut flags) = (vec![[0; 4]; n], vec![[0; 2]; n], vec![Flags(0); n]);
+
+        // A block at a time: its positions are one run of 3·lanes floats, its cold bytes one run of places.
+        let mut blocks = Vec::with_capacity(layout.buckets);
+        let (mut p, mut c, mut d, mut f) =
+            (positions.as_mut_slice(), &mut power[..], &mut direction[..], &mut flags[..]);
+        for block in 0..layout.buckets {
+            let (start, lanes) = layout.block(block);
+            let used = lanes.min(n + 1 - start) - usize::from(block == 0);
+            let (p1, c1, d1, f1);
+            (p1, p) = p.split_at_mut(3 * lanes);
+            (c1, c) = c.split_at_mut(used);
+            (d1, d) = d.split_at_mut(used);
+            (f1, f) = f.split_at_mut(used);
+            blocks.push((p1, c1, d1, f1));
+        }
+        let bounds = (blocks.into_par_iter().with_min_len(64).enumerate())
+            .map(|(block, (p, c, d, f))| {
+                let lanes = p.len() / 3;
+                let mut bounds = Bounds3::EMPTY;
+                let first = usize::from(block == 0);
+                for (i, ((c, d), f)) in c.iter_mut().zip(d).zip(f).enumerate() {
+                    let lane = i + first;
+                    let photon = photon(layout.slot(block, lane));
+                    bounds = bounds.extend(Vec3::from_array(photon.position));
+                    [p[lane], p[lane + lanes], p[lane + 2 * lanes]] = photon.position;
+                    (*c, *d, *f) = (photon.power, photon.direction, photon.flags);
+                }
+                bounds
+            })
+            .reduce(|| Bounds3::EMPTY, Bounds3::union);
+
         let identity = NEXT.fetch_add(1, Ordering::Relaxed);
-        Self { x, y, z, power, direction, flags, splits, bounds, rejected: 0, identity }
+        let mut map =
+            Self { layout, positions, power, direction, flags, splits: Vec::new(), bounds, rejected: 0, identity };
+        map.splits = (0..layout.buckets).map(|slot| map.split(slot)).collect();
+        map
     }
 
-    /// A map from photons that are in heap order already, as [`PhotonMap::photon`] gives them; `None` when the order is
-    /// not that of a left-balanced heap.
-    pub fn from_heap_order(photons: impl ExactSizeIterator<Item = Photon>) -> Option<Self> {
-        let n = photons.len();
-        let (mut x, mut y, mut z) = (Stream::new(n), Stream::new(n), Stream::new(n));
-        let (mut power, mut direction, mut flags) =
-            (Vec::with_capacity(n), Vec::with_capacity(n), Vec::with_capacity(n));
-        for (i, p) in photons.enumerate().take(n) {
-            if !storable(Vec3::from_array(p.position)) || p.flags.axis() > 2 {
-                return None;
-            }
-            [x.as_mut_slice()[i + 1], y.as_mut_slice()[i + 1], z.as_mut_slice()[i + 1]] = p.position;
-            power.push(p.power);
-            direction.push(p.direction);
-            flags.push(p.flags);
+    /// The plane of an upper slot.
+    fn split(&self, slot: usize) -> Split {
+        if slot == 0 {
+            return Split { at: 0.0, axis: 0 };
         }
-        let map = Self::from_streams([x, y, z], power, direction, flags);
+        let index = self.index_of_slot(slot);
+        let axis = self.flags(index).axis();
+        Split { at: self.position(index)[axis], axis: axis as u32 }
+    }
+
+    /// A map from photons in the heap's order, as [`PhotonMap::heap_order`] gives them; `None` when they are not a
+    /// left-balanced heap.
+    pub fn from_heap_order(photons: &[Photon]) -> Option<Self> {
+        if !photons.iter().all(|p| storable(Vec3::from_array(p.position)) && p.flags.axis() < 3) {
+            return None;
+        }
+        let map = Self::lay_out(photons.len(), |slot| photons[slot - 1]);
         map.is_heap().then_some(map)
+    }
+
+    /// The photons from slot 1 to slot n.
+    pub fn heap_order(&self) -> impl Iterator<Item = Photon> + '_ {
+        (1..=self.len()).map(|slot| self.photon(self.index_of_slot(slot)))
+    }
+
+    /// The index of a slot's photon.
+    #[inline]
+    pub(crate) fn index_of_slot(&self, slot: usize) -> u32 {
+        (self.layout.place(slot) - 1) as u32
     }
 
     /// True when every photon lies on its side of every plane above it.
@@ -154,27 +164,18 @@ impl PhotonMap {
             if slot > map.len() {
                 return true;
             }
-            let p = map.position((slot - 1) as u32);
+            let index = map.index_of_slot(slot);
+            let p = map.position(index);
             if !cell.contains(p) {
                 return false;
             }
-            let axis = map.flags[slot - 1].axis();
+            let axis = map.flags(index).axis();
             let (mut left, mut right) = (cell, cell);
             left.max[axis] = p[axis];
             right.min[axis] = p[axis];
             check(map, 2 * slot, left) && check(map, 2 * slot + 1, right)
         }
         check(self, 1, Bounds3::new(Vec3::NEG_INFINITY, Vec3::INFINITY))
-    }
-
-    /// The first slot whose subtree queries scan whole.
-    fn first_bucket_of(n: usize) -> usize {
-        if n == 0 { 1 } else { 1 << (heap::level(n) + 1).saturating_sub(BUCKET_LEVELS) }
-    }
-
-    #[inline]
-    pub(crate) fn first_bucket(&self) -> usize {
-        self.splits.len()
     }
 
     /// Number of photons.
@@ -195,9 +196,7 @@ impl PhotonMap {
 
     /// Bytes held, at most 20.5 a photon for maps of more than a few hundred photons.
     pub fn memory(&self) -> usize {
-        self.x.memory()
-            + self.y.memory()
-            + self.z.memory()
+        self.positions.0.capacity() * size_of::<Line>()
             + self.power.capacity() * 4
             + self.direction.capacity() * 2
             + self.flags.capacity() * 2
@@ -212,8 +211,11 @@ impl PhotonMap {
     /// Position of a photon, scene space.
     #[inline]
     pub fn position(&self, index: u32) -> Vec3 {
-        let slot = index as usize + 1;
-        Vec3::new(self.x.as_slice()[slot], self.y.as_slice()[slot], self.z.as_slice()[slot])
+        let (block, lane) = self.layout.block_and_lane(index as usize + 1);
+        let (start, lanes) = self.layout.block(block);
+        let at = 3 * start + lane;
+        let p = self.positions.as_slice();
+        Vec3::new(p[at], p[at + lanes], p[at + 2 * lanes])
     }
 
     /// Power of a photon, W (W·m⁻² for [`PhotonClass::Irradiance`](super::PhotonClass::Irradiance)).

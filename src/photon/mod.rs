@@ -3,9 +3,8 @@
 //! A [`PhotonRecord`] is packed into a [`Photon`]; [`PhotonMap::build`] balances photons into a left-balanced heap
 //! [Jensen 2001, chapter 6]; [`PhotonMap::nearest`] and [`PhotonMap::within`] ask it; [`Kernel`] weighs what they find.
 //!
-//! The records live as separate streams in heap order, twenty bytes in all. Because the subtree under heap slot `i` is a
-//! handful of contiguous runs (`i`, `2i..2i+2`, `4i..4i+4`, …), a query walks only the upper planes and scans the bottom
-//! subtrees of up to 63 photons with vector instructions.
+//! The records live as separate streams, twenty bytes in all. The heap's bottom subtrees of up to 63 photons are kept
+//! together (see `layout`), so that a query walks only the upper planes and scans the subtrees with vector instructions.
 
 mod build;
 pub mod direction;
@@ -13,6 +12,7 @@ mod file;
 mod found;
 mod heap;
 mod kernel;
+mod layout;
 mod map;
 mod order;
 mod packed;
@@ -22,6 +22,8 @@ mod simd;
 pub mod stackfree;
 #[cfg(test)]
 mod tests;
+#[cfg(target_arch = "x86_64")]
+mod x86;
 
 pub use file::{MapFile, MapFileError, MapFileInfo};
 pub use kernel::{GAUSSIAN_ALPHA, GAUSSIAN_BETA, Kernel, hull_area};

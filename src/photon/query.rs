@@ -246,7 +246,8 @@ fn walk<S: Simd>(
     found: &mut Found,
     mut after: impl FnMut(&mut Found, f32) -> f32,
 ) {
-    let buckets = map.first_bucket();
+    let buckets = map.layout.buckets;
+    let positions = map.positions.as_slice();
     let mut later = [Later::default(); 32];
     let mut waiting = 0;
     let mut slot = 1;
@@ -267,7 +268,10 @@ fn walk<S: Simd>(
             }
             slot = near;
         }
-        simd.scan(map, slot, q, r_sq, found);
+        let block = map.layout.block_of_bucket(slot - buckets);
+        let (start, lanes) = map.layout.block(block);
+        // Place 0 has no index: wrapping makes lane 1 of the first block 0.
+        simd.scan(&positions[3 * start..3 * (start + lanes)], (start as u32).wrapping_sub(1), q, r_sq, found);
         r_sq = after(found, r_sq);
 
         // Take up the nearest subtree put off, if it still counts, with the photon on the plane before it.
@@ -286,12 +290,14 @@ fn walk<S: Simd>(
     }
 }
 
-/// Adds the photon of one slot if it is near enough.
+/// Adds the photon of an upper slot, lane 0 of the block of that number, if it is near enough.
 #[inline(always)]
 fn test_one(map: &PhotonMap, slot: usize, q: [f32; 3], r_sq: f32, found: &mut Found) {
-    let (dx, dy, dz) = (map.x.as_slice()[slot] - q[0], map.y.as_slice()[slot] - q[1], map.z.as_slice()[slot] - q[2]);
+    let (start, lanes) = map.layout.block(slot);
+    let block = &map.positions.as_slice()[3 * start..];
+    let (dx, dy, dz) = (block[0] - q[0], block[lanes] - q[1], block[2 * lanes] - q[2]);
     let d_sq = dx * dx + dy * dy + dz * dz;
     if d_sq < r_sq {
-        found.push(d_sq, (slot - 1) as u32);
+        found.push(d_sq, (start - 1) as u32);
     }
 }

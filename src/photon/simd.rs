@@ -1,12 +1,14 @@
 //! The vector loops of the photon map.
 
 use super::found::Found;
-use super::map::PhotonMap;
+#[cfg(target_arch = "x86_64")]
+use super::x86;
 
 /// The loops that have a form for every instruction set. All forms give the same bits: no fused multiply-add is used.
 pub(crate) trait Simd: Copy {
-    /// Appends the photons of the whole subtree under `slot` whose squared distance from `q` is below `r_sq`.
-    fn scan(self, map: &PhotonMap, slot: usize, q: [f32; 3], r_sq: f32, found: &mut Found);
+    /// Appends the photons of a block whose squared distance from `q` is below `r_sq`, without that of lane 0. `block` is
+    /// its x, y and z, 32 or 64 of each; `first` is the index of lane 0.
+    fn scan(self, block: &[f32], first: u32, q: [f32; 3], r_sq: f32, found: &mut Found);
 
     /// Number of values below `t`.
     fn count_below(self, values: &[f32], t: f32) -> usize;
@@ -31,12 +33,23 @@ pub(crate) trait Task {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Level {
     Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2(x86::Avx2),
+    #[cfg(target_arch = "x86_64")]
+    Avx512(x86::Avx512),
 }
 
 impl Level {
     /// Every usable level, the best one last.
     pub fn available() -> Vec<Self> {
-        vec![Self::Portable]
+        let levels = [
+            Some(Self::Portable),
+            #[cfg(target_arch = "x86_64")]
+            x86::Avx2::detect().map(Self::Avx2),
+            #[cfg(target_arch = "x86_64")]
+            x86::Avx512::detect().map(Self::Avx512),
+        ];
+        levels.into_iter().flatten().collect()
     }
 
     /// The best usable level.
@@ -48,6 +61,10 @@ impl Level {
     pub fn run<T: Task>(self, task: T) -> T::Output {
         match self {
             Self::Portable => task.run(Portable),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2(simd) => simd.run(task),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512(simd) => simd.run(task),
         }
     }
 }
@@ -58,21 +75,16 @@ pub(crate) struct Portable;
 
 impl Simd for Portable {
     #[inline(always)]
-    fn scan(self, map: &PhotonMap, slot: usize, q: [f32; 3], r_sq: f32, found: &mut Found) {
-        let n = map.len();
-        let (mut first, mut width) = (slot, 1);
-        while first <= n {
-            let run = first..(first + width).min(n + 1);
-            let (xs, ys, zs) = (&map.x.as_slice()[run.clone()], &map.y.as_slice()[run.clone()], &map.z.as_slice()[run]);
-            for (i, ((x, y), z)) in xs.iter().zip(ys).zip(zs).enumerate() {
-                let (dx, dy, dz) = (x - q[0], y - q[1], z - q[2]);
-                let d_sq = dx * dx + dy * dy + dz * dz;
-                found.d_sq[found.len] = d_sq;
-                found.index[found.len] = (first + i - 1) as u32;
-                found.len += usize::from(d_sq < r_sq);
-            }
-            first *= 2;
-            width *= 2;
+    fn scan(self, block: &[f32], first: u32, q: [f32; 3], r_sq: f32, found: &mut Found) {
+        let lanes = block.len() / 3;
+        let (xs, yzs) = block.split_at(lanes);
+        let (ys, zs) = yzs.split_at(lanes);
+        for (i, ((x, y), z)) in xs.iter().zip(ys).zip(zs).enumerate().skip(1) {
+            let (dx, dy, dz) = (x - q[0], y - q[1], z - q[2]);
+            let d_sq = dx * dx + dy * dy + dz * dz;
+            found.d_sq[found.len] = d_sq;
+            found.index[found.len] = first.wrapping_add(i as u32);
+            found.len += usize::from(d_sq < r_sq);
         }
     }
 

@@ -18,7 +18,7 @@ pub fn visit(map: &PhotonMap, p: Vec3, mut r_sq: f32, mut visit: impl FnMut(u32,
             continue;
         }
         // On the way down, take the photon of this node.
-        let index = (current - 1) as u32;
+        let index = map.index_of_slot(current);
         let position = map.position(index);
         let from_parent = previous < current;
         if from_parent {

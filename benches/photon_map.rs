@@ -1,0 +1,284 @@
+//! How fast are photon maps built and asked, next to what a programmer could take instead?
+//!
+//! ```text
+//! cargo bench --bench photon_map [-- query build memory] [--photons 2000000] [--rounds 7]
+//! ```
+//! Rivals in the same run: kiddo's `ImmutableKdTree`, a textbook scalar `locate_photons` on twenty-byte records, and
+//! nanoflann when its header and a C++ compiler are there. Runs alternate in slices; medians are printed.
+
+use caustica::math::{Bounds3, Vec3};
+use caustica::photon::{KnnScratch, Photon, PhotonMap, morton_order};
+use caustica::sample::mix64;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use std::hint::black_box;
+use std::num::NonZero;
+use std::time::Instant;
+
+/// Queries asked by one method before it is another one's turn.
+const SLICE: usize = 50_000;
+
+fn uniform(i: u64) -> f32 {
+    (mix64(i) >> 40) as f32 / (1u64 << 24) as f32
+}
+
+/// The i-th point on the walls of a unit room (five of six points) or on a sphere in it.
+fn surface_point(i: u64) -> Vec3 {
+    let (u, v, which) = (uniform(3 * i), uniform(3 * i + 1), (mix64(3 * i + 2) >> 32) % 36);
+    if which >= 30 {
+        let z = 2.0 * u - 1.0;
+        let (s, c) = (std::f32::consts::TAU * v).sin_cos();
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        return Vec3::new(0.5, 0.3, 0.6) + 0.25 * Vec3::new(r * c, r * s, z);
+    }
+    let side = if which % 2 == 0 { 0.0 } else { 1.0 };
+    match which / 2 % 3 {
+        0 => Vec3::new(side, u, v),
+        1 => Vec3::new(u, side, v),
+        _ => Vec3::new(u, v, side),
+    }
+}
+
+fn points(n: usize, from: u64) -> Vec<Vec3> {
+    (0..n as u64).map(|i| surface_point(i + from)).collect()
+}
+
+fn photons(points: &[Vec3]) -> Vec<Photon> {
+    points.iter().map(|p| Photon { position: p.to_array(), power: [128, 128, 128, 129], ..Photon::default() }).collect()
+}
+
+fn median(mut v: Vec<f64>) -> f64 {
+    v.sort_by(f64::total_cmp);
+    v[v.len() / 2]
+}
+
+/// Jensen's algorithm as printed: records in a heap, recursion, and a maximum heap once k are found.
+mod textbook {
+    use super::{Photon, Vec3};
+
+    pub struct Nearest {
+        pub q: [f32; 3],
+        pub k: usize,
+        pub found: usize,
+        heaped: bool,
+        pub d_sq: Vec<f32>,
+        pub index: Vec<u32>,
+    }
+
+    impl Nearest {
+        pub fn new(q: Vec3, k: usize, mut d_sq: Vec<f32>, index: Vec<u32>) -> Self {
+            d_sq[0] = f32::INFINITY;
+            Self { q: q.to_array(), k, found: 0, heaped: false, d_sq, index }
+        }
+
+        fn sift_down(&mut self, mut i: usize) {
+            let (d, index) = (self.d_sq[i], self.index[i]);
+            while 2 * i <= self.found {
+                let mut child = 2 * i;
+                if child < self.found && self.d_sq[child] < self.d_sq[child + 1] {
+                    child += 1;
+                }
+                if d >= self.d_sq[child] {
+                    break;
+                }
+                (self.d_sq[i], self.index[i]) = (self.d_sq[child], self.index[child]);
+                i = child;
+            }
+            (self.d_sq[i], self.index[i]) = (d, index);
+        }
+
+        fn offer(&mut self, d: f32, index: u32) {
+            if self.found < self.k {
+                self.found += 1;
+                (self.d_sq[self.found], self.index[self.found]) = (d, index);
+                return;
+            }
+            if !self.heaped {
+                self.heaped = true;
+                (1..=self.found / 2).rev().for_each(|i| self.sift_down(i));
+            }
+            if d < self.d_sq[1] {
+                (self.d_sq[1], self.index[1]) = (d, index);
+                self.sift_down(1);
+            }
+            // Place 0 keeps the search radius.
+            self.d_sq[0] = self.d_sq[1];
+        }
+    }
+
+    /// `heap` counts from 1.
+    pub fn locate_photons(heap: &[Photon], i: usize, nearest: &mut Nearest) {
+        let photon = &heap[i];
+        if 2 * i < heap.len() {
+            let axis = photon.flags.axis();
+            let d = nearest.q[axis] - photon.position[axis];
+            let (near, far) = if d > 0.0 { (2 * i + 1, 2 * i) } else { (2 * i, 2 * i + 1) };
+            if near < heap.len() {
+                locate_photons(heap, near, nearest);
+            }
+            if d * d < nearest.d_sq[0] && far < heap.len() {
+                locate_photons(heap, far, nearest);
+            }
+        }
+        let [dx, dy, dz] = std::array::from_fn(|a| photon.position[a] - nearest.q[a]);
+        let d_sq = dx * dx + dy * dy + dz * dz;
+        if d_sq < nearest.d_sq[0] {
+            nearest.offer(d_sq, i as u32);
+        }
+    }
+}
+
+type Tree = ImmutableKdTree<f32, 3>;
+
+struct Bench {
+    points: Vec<Vec3>,
+    map: PhotonMap,
+    heap: Vec<Photon>,
+    kiddo: Tree,
+    rounds: usize,
+}
+
+impl Bench {
+    fn new(n: usize, rounds: usize) -> Self {
+        let points = points(n, 0);
+        let map = PhotonMap::build(photons(&points));
+        let heap = std::iter::once(Photon::default()).chain(map.heap_order()).collect();
+        let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
+        let kiddo = Tree::new_from_slice(&arrays).expect("finite points");
+        Self { points, map, heap, kiddo, rounds }
+    }
+
+    fn ours(&self, queries: &[Vec3], k: usize) -> f64 {
+        let mut scratch = KnnScratch::new();
+        queries.iter().map(|&q| f64::from(self.map.nearest(q, k, f32::INFINITY, &mut scratch).radius_sq)).sum()
+    }
+
+    fn textbook(&self, queries: &[Vec3], k: usize) -> f64 {
+        let (mut d_sq, mut index) = (vec![0.0; k + 1], vec![0; k + 1]);
+        let mut sum = 0.0;
+        for &q in queries {
+            let mut nearest = textbook::Nearest::new(q, k, d_sq, index);
+            textbook::locate_photons(&self.heap, 1, &mut nearest);
+            sum += f64::from(nearest.d_sq[1..].iter().fold(0f32, |m, &d| m.max(d)));
+            (d_sq, index) = (nearest.d_sq, nearest.index);
+        }
+        sum
+    }
+
+    fn kiddo(&self, queries: &[Vec3], k: usize) -> f64 {
+        let k = NonZero::new(k).expect("k is not 0");
+        let mut scratch = self.kiddo.create_scratch::<SquaredEuclidean<f32>>();
+        let farthest = |q: &Vec3| {
+            let q = q.to_array();
+            let answer =
+                self.kiddo.query(&q).nearest_n::<SquaredEuclidean<f32>>(k).with_scratch(&mut scratch).execute();
+            f64::from(answer[answer.len() - 1].distance)
+        };
+        queries.iter().map(farthest).sum()
+    }
+
+    /// Median nanoseconds a query of every method, asked in alternating slices.
+    fn compare(&self, name: &str, queries: &[Vec3], k: usize) {
+        let methods: [(&str, &dyn Fn(&[Vec3], usize) -> f64); 3] = [
+            ("caustica", &|q, k| self.ours(q, k)),
+            ("textbook", &|q, k| self.textbook(q, k)),
+            ("kiddo", &|q, k| self.kiddo(q, k)),
+        ];
+        let mut times = [const { Vec::new() }; 3];
+        let slices: Vec<&[Vec3]> = queries.chunks(SLICE).collect();
+        for round in 0..self.rounds {
+            let slice = slices[round * 5 % slices.len()];
+            let mut sums = [0.0; 3];
+            for (i, (_, method)) in methods.iter().enumerate() {
+                let start = thread_seconds();
+                sums[i] = black_box(method(slice, k));
+                times[i].push((thread_seconds() - start) * 1e9 / slice.len() as f64);
+            }
+            assert!(sums.iter().all(|s| (s / sums[0] - 1.0).abs() < 1e-6), "the methods disagree: {sums:?}");
+        }
+        let ns = times.map(median);
+        println!("{name}, k = {k}:");
+        for (i, (label, _)) in methods.iter().enumerate() {
+            println!("  {label:9} {:8.0} ns/query {:7.3} M queries/s  {:5.2}x", ns[i], 1e3 / ns[i], ns[i] / ns[0]);
+        }
+    }
+
+    fn queries(&self) {
+        println!("{} photons on walls and a sphere, one thread", self.points.len());
+        let unsorted = points(1_000_000, 1 << 40);
+        let order = morton_order(&unsorted, &Bounds3::from_points(unsorted.iter().copied()));
+        let sorted: Vec<Vec3> = order.iter().map(|&i| unsorted[i as usize]).collect();
+        for k in [50, 200] {
+            self.compare("Morton-sorted", &sorted, k);
+            self.compare("unsorted", &unsorted, k);
+        }
+    }
+}
+
+/// Seconds this thread has run, where the system tells; else seconds since the first call. On a machine that others use as
+/// well the first is what a method costs.
+fn thread_seconds() -> f64 {
+    static START: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
+    let schedstat = std::fs::read_to_string("/proc/thread-self/schedstat").ok();
+    let running = schedstat.and_then(|s| s.split_whitespace().next()?.parse::<f64>().ok());
+    running.map_or_else(|| START.elapsed().as_secs_f64(), |ns| ns * 1e-9)
+}
+
+fn seconds(work: impl FnOnce()) -> f64 {
+    let start = Instant::now();
+    work();
+    start.elapsed().as_secs_f64()
+}
+
+/// Building, on one thread and on two.
+fn build(n: usize, rounds: usize) {
+    let points = points(n, 0);
+    let photons = photons(&points);
+    let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
+    drop(points);
+    println!("building {n} photons");
+    let mut medians = Vec::new();
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let (mut ours, mut kiddo) = (Vec::new(), Vec::new());
+        for _ in 0..rounds {
+            let input = photons.clone();
+            ours.push(pool.install(|| seconds(|| drop(black_box(PhotonMap::build(input))))));
+            kiddo.push(pool.install(|| {
+                seconds(|| {
+                    let tree = if threads == 1 {
+                        Tree::new_from_slice(&arrays)
+                    } else {
+                        Tree::new_from_slice_parallel(&arrays)
+                    };
+                    drop(black_box(tree));
+                })
+            }));
+        }
+        let (ours, kiddo) = (median(ours) * 1e9 / n as f64, median(kiddo) * 1e9 / n as f64);
+        println!("  {threads} thread(s): caustica {ours:.1} ns/photon, kiddo {kiddo:.1} ns/point");
+        medians.push(ours);
+    }
+    println!("  two threads are {:.2}x faster", medians[0] / medians[1]);
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |name: &str, otherwise: usize| {
+        let place = arguments.iter().position(|a| a == name);
+        place.and_then(|i| arguments.get(i + 1)).map_or(otherwise, |v| v.parse().expect("a number"))
+    };
+    let wanted = |name: &str| {
+        let names = ["query", "build", "memory"];
+        arguments.iter().any(|a| a == name) || !arguments.iter().any(|a| names.contains(&a.as_str()))
+    };
+    // `cargo test --benches` only wants to know that it runs.
+    let smoke = arguments.iter().any(|a| a == "--test");
+    let (n, rounds) =
+        (number("--photons", if smoke { 10_000 } else { 2_000_000 }), number("--rounds", if smoke { 1 } else { 15 }));
+    if wanted("query") {
+        Bench::new(n, rounds).queries();
+    }
+    if wanted("build") {
+        build(if smoke { n } else { number("--photons", 8_000_000) }, rounds.min(5));
+    }
+}
