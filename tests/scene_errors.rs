@@ -147,7 +147,7 @@ const CASES: &[Case] = &[
     (
         "<bsdf type=\"twosided\"><bsdf type=\"dielectric\"/></bsdf>",
         2,
-        23,
+        1,
         &["only materials without transmission can be nested in a two-sided one"],
     ),
     (
@@ -195,6 +195,19 @@ const CASES: &[Case] = &[
         41,
         &["has no attribute \"vertex_color\"", "come from a ply file"],
     ),
+    (
+        "<bsdf type=\"roughconductor\"><string name=\"material\" value=\"Gold\"/></bsdf>",
+        2,
+        29,
+        &["unknown metal \"Gold\""],
+    ),
+    (
+        "<bsdf type=\"roughconductor\"><string name=\"distribution\" value=\"gxx\"/></bsdf>",
+        2,
+        29,
+        &["unknown distribution \"gxx\"", "did you mean \"ggx\"?"],
+    ),
+    ("<bsdf type=\"bumpmap\"/>", 2, 1, &["the bumpmap has no texture", "put a <texture>"]),
     ("<emitter type=\"area\"/>", 2, 1, &["an area emitter outside of a shape", "move it into the <shape>"]),
     (
         "<emitter type=\"constant\"/>\n<emitter type=\"constant\"/>",

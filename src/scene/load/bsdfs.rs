@@ -3,24 +3,36 @@
 use super::super::SceneError;
 use super::super::xml::{Child, ColorUse, NodeId, Query, Tag};
 use super::Loader;
-use crate::bsdf::{IOR_NAMES, Ior, Material, MaterialId, ior_by_name};
+use crate::bsdf::{
+    Distribution, IOR_NAMES, Ior, METAL_NAMES, Material, MaterialId, Principled, PrincipledThin, Roughness,
+    ior_by_name, metal_by_name,
+};
 use crate::color::Rgb;
-use crate::texture::ColorParam;
+use crate::texture::{ColorParam, FloatParam, TextureId};
 
 /// Materials that one may hold, nested ones included.
 const MAX_LEAVES: u32 = 64;
 
-const BSDFS: [&str; 9] =
-    ["diffuse", "dielectric", "thindielectric", "conductor", "plastic", "twosided", "mask", "blendbsdf", "null"];
-const PLANNED: [&str; 28] = [
+const BSDFS: [&str; 17] = [
+    "diffuse",
+    "dielectric",
+    "thindielectric",
     "roughdielectric",
+    "conductor",
     "roughconductor",
+    "plastic",
     "roughplastic",
     "phong",
-    "bumpmap",
-    "normalmap",
     "principled",
     "principledthin",
+    "twosided",
+    "mask",
+    "blendbsdf",
+    "bumpmap",
+    "normalmap",
+    "null",
+];
+const PLANNED: [&str; 19] = [
     "roughdiffuse",
     "coating",
     "roughcoating",
@@ -37,10 +49,9 @@ const PLANNED: [&str; 28] = [
     "polarizer",
     "retarder",
     "pplastic",
-    "bump",
     "dipole",
     "rmbrdf",
-    "thinrough",
+    "bump",
 ];
 
 impl<'d> Loader<'d> {
@@ -95,6 +106,15 @@ impl<'d> Loader<'d> {
                 let (reflectance, transmittance) = self.tints(&q)?;
                 Material::Dielectric { ior: ior(&q, "bk7")?, reflectance, transmittance }
             }
+            "roughdielectric" => {
+                let (reflectance, transmittance) = self.tints(&q)?;
+                Material::RoughDielectric {
+                    roughness: self.roughness(&q)?,
+                    ior: ior(&q, "bk7")?,
+                    reflectance,
+                    transmittance,
+                }
+            }
             "thindielectric" => {
                 let (reflectance, transmittance) = self.tints(&q)?;
                 Material::ThinDielectric { ior: ior(&q, "bk7")?, reflectance, transmittance }
@@ -103,11 +123,47 @@ impl<'d> Loader<'d> {
                 let (eta, k) = self.conductor(&q)?;
                 Material::Conductor { eta, k, specular: self.reflectance(&q, "specular_reflectance", 1.0)? }
             }
-            "plastic" => {
+            "roughconductor" => {
+                let (eta, k) = self.conductor(&q)?;
+                let specular = self.reflectance(&q, "specular_reflectance", 1.0)?;
+                Material::RoughConductor { roughness: self.roughness(&q)?, eta, k, specular }
+            }
+            "plastic" | "roughplastic" => {
                 let (int_ior, ext_ior) = indices(&q, "polypropylene")?;
                 let diffuse = self.reflectance(&q, "diffuse_reflectance", 0.5)?;
                 let specular = self.reflectance(&q, "specular_reflectance", 1.0)?;
-                Material::plastic(int_ior, ext_ior, diffuse, specular, q.bool("nonlinear", false)?)
+                let nonlinear = q.bool("nonlinear", false)?;
+                if q.plugin() == "plastic" {
+                    Material::plastic(int_ior, ext_ior, diffuse, specular, nonlinear)
+                } else {
+                    let coat = self.plastic_coat(&q)?;
+                    Material::rough_plastic(coat, (int_ior, ext_ior), diffuse, specular, nonlinear)
+                }
+            }
+            "phong" => Material::Phong {
+                diffuse: self.reflectance(&q, "diffuse_reflectance", 0.5)?,
+                specular: self.reflectance(&q, "specular_reflectance", 0.2)?,
+                exponent: self.float_param(&q, "exponent", 30.0, 0.0..=1e9)?,
+            },
+            "principled" => self.principled(&q)?,
+            "principledthin" => self.principled_thin(&q)?,
+            "bumpmap" => {
+                let height = self.only_texture(&q)?;
+                // The scene's scale is multiplied in when it is known.
+                let scale = q.float_or("scale", 1.0)? as f32;
+                q.ignore(&["flip_invalid_normals", "use_shadowing_function"]);
+                Material::BumpMap { height: FloatParam::Texture(height), scale, nested: self.one_nested(&q)? }
+            }
+            "normalmap" => {
+                let normals = match q.has("normalmap") || !q.node().legacy {
+                    true if !q.has("normalmap") => {
+                        return Err(q.error("the normalmap has no \"normalmap\"").help("add a texture of that name"));
+                    }
+                    true => self.color_param(&q, "normalmap", Rgb::splat(0.5), ColorUse::Unbounded)?,
+                    false => ColorParam::Texture(self.only_texture(&q)?),
+                };
+                q.ignore(&["flip_invalid_normals", "use_shadowing_function"]);
+                Material::NormalMap { normals, nested: self.one_nested(&q)? }
             }
             "twosided" => {
                 q.ignore(&["allow_transmission"]);
@@ -119,10 +175,7 @@ impl<'d> Loader<'d> {
             }
             "mask" => {
                 let opacity = self.float_param(&q, "opacity", 0.5, 0.0..=1.0)?;
-                match self.nested(&q, 1..=1)?[..] {
-                    [nested, ..] => Material::Mask { opacity, nested },
-                    [] => return Err(missing_nested(&q, 1)),
-                }
+                Material::Mask { opacity, nested: self.one_nested(&q)? }
             }
             "blendbsdf" => {
                 if !q.has("weight") {
@@ -139,7 +192,7 @@ impl<'d> Loader<'d> {
             "null" => Material::Null,
             _ => return Err(q.unknown_plugin(&BSDFS, &PLANNED)),
         };
-        q.ignore(&["sample_visible"]);
+        q.ignore(&["sample_visible", "specular_sampling_weight"]);
         q.finish()?;
         Ok(material)
     }
@@ -157,6 +210,107 @@ impl<'d> Loader<'d> {
         children.into_iter().map(|c| self.material(c.node)).collect()
     }
 
+    fn one_nested(&mut self, q: &Query<'d>) -> Result<MaterialId, SceneError> {
+        self.nested(q, 1..=1)?.first().copied().ok_or_else(|| missing_nested(q, 1))
+    }
+
+    /// The texture of a plugin that has exactly one, under any name or none.
+    fn only_texture(&mut self, q: &Query<'d>) -> Result<TextureId, SceneError> {
+        match q.child(Tag::Texture)? {
+            Some(child) => self.texture(child, ColorUse::Unbounded),
+            None => Err(q.error(format!("the {} has no texture", q.plugin())).help("put a <texture> into it")),
+        }
+    }
+
+    /// A number between 0 and 1, or a texture.
+    fn unit(&mut self, q: &Query<'d>, name: &str, default: f32) -> Result<FloatParam, SceneError> {
+        self.float_param(q, name, default, 0.0..=1.0)
+    }
+
+    fn roughness(&mut self, q: &Query<'d>) -> Result<Roughness, SceneError> {
+        let distribution = distribution(q)?;
+        let mut alpha = |name, default| self.float_param(q, name, default, 0.0..=MAX_ALPHA);
+        if q.has("alpha_u") || q.has("alpha_v") {
+            if let Some(name) = ["alpha_u", "alpha_v"].into_iter().find(|n| !q.has(n)) {
+                return Err(q
+                    .error(format!("one roughness is given without \"{name}\""))
+                    .help("give alpha_u and alpha_v"));
+            }
+            if q.has("alpha") {
+                return Err(q.error_at("alpha", "both \"alpha\" and \"alpha_u\"").help("give one of them"));
+            }
+            return Ok(Roughness { distribution, alpha_u: alpha("alpha_u", 0.1)?, alpha_v: alpha("alpha_v", 0.1)? });
+        }
+        Ok(Roughness::isotropic(distribution, alpha("alpha", 0.1)?))
+    }
+
+    /// The rough plastic's coat has the same roughness everywhere.
+    fn plastic_coat(&mut self, q: &Query<'d>) -> Result<(Distribution, f32), SceneError> {
+        match self.float_param(q, "alpha", 0.1, 0.0..=MAX_ALPHA)? {
+            FloatParam::Const(alpha) => Ok((distribution(q)?, alpha)),
+            FloatParam::Texture(_) => {
+                Err(q.error_at("alpha", "a textured \"alpha\" of roughplastic").help("give a number"))
+            }
+        }
+    }
+
+    fn principled(&mut self, q: &Query<'d>) -> Result<Material, SceneError> {
+        let eta = match (q.float("eta")?, q.float("specular")?) {
+            (Some(_), Some(_)) => {
+                return Err(q.error_at("eta", "both \"eta\" and \"specular\"").help("give one of them"));
+            }
+            (Some(eta), None) if eta > 0.0 => eta as f32,
+            (Some(eta), None) => {
+                return Err(q.error_at("eta", format!("\"eta\" is {eta}")).help("it must be above zero"));
+            }
+            (None, specular) => {
+                let specular = specular.unwrap_or(0.5);
+                if !(0.0..=1.0).contains(&specular) {
+                    return Err(q
+                        .error_at("specular", format!("\"specular\" is {specular}"))
+                        .help("it must be between 0 and 1"));
+                }
+                Principled::eta_of_specular(specular as f32)
+            }
+        };
+        q.ignore(&["main_specular_sampling_rate", "clearcoat_sampling_rate", "diffuse_reflectance_sampling_rate"]);
+        Ok(Material::Principled(Box::new(Principled {
+            base_color: self.reflectance(q, "base_color", 0.5)?,
+            roughness: self.unit(q, "roughness", 0.5)?,
+            anisotropic: self.unit(q, "anisotropic", 0.0)?,
+            metallic: self.unit(q, "metallic", 0.0)?,
+            spec_trans: self.unit(q, "spec_trans", 0.0)?,
+            eta,
+            spec_tint: self.unit(q, "spec_tint", 0.0)?,
+            sheen: self.unit(q, "sheen", 0.0)?,
+            sheen_tint: self.unit(q, "sheen_tint", 0.0)?,
+            flatness: self.unit(q, "flatness", 0.0)?,
+            clearcoat: self.unit(q, "clearcoat", 0.0)?,
+            clearcoat_gloss: self.unit(q, "clearcoat_gloss", 0.0)?,
+        })))
+    }
+
+    fn principled_thin(&mut self, q: &Query<'d>) -> Result<Material, SceneError> {
+        q.ignore(&[
+            "specular_reflectance_sampling_rate",
+            "specular_transmittance_sampling_rate",
+            "diffuse_reflectance_sampling_rate",
+            "diffuse_transmittance_sampling_rate",
+        ]);
+        Ok(Material::PrincipledThin(Box::new(PrincipledThin {
+            base_color: self.reflectance(q, "base_color", 0.5)?,
+            roughness: self.unit(q, "roughness", 0.5)?,
+            anisotropic: self.unit(q, "anisotropic", 0.0)?,
+            spec_trans: self.unit(q, "spec_trans", 0.0)?,
+            eta: self.float_param(q, "eta", 1.5, 1e-3..=1e3)?,
+            spec_tint: self.unit(q, "spec_tint", 0.0)?,
+            sheen: self.unit(q, "sheen", 0.0)?,
+            sheen_tint: self.unit(q, "sheen_tint", 0.0)?,
+            flatness: self.unit(q, "flatness", 0.0)?,
+            diff_trans: self.float_param(q, "diff_trans", 0.0, 0.0..=2.0)?,
+        })))
+    }
+
     /// A colour between 0 and 1, or a texture.
     fn reflectance(&mut self, q: &Query<'d>, name: &str, default: f32) -> Result<ColorParam, SceneError> {
         self.color_param(q, name, Rgb::splat(default), ColorUse::Reflectance)
@@ -172,14 +326,12 @@ impl<'d> Loader<'d> {
         if let (Some(_), true) = (named, q.has("eta") || q.has("k")) {
             return Err(q.error_at("material", "both \"material\" and \"eta\" or \"k\"").help("give one of them"));
         }
-        if let Some(name) = named {
-            return Err(q.error_at("material", format!("unknown metal \"{name}\"")).help("give eta and k"));
-        }
-        let legacy_copper = q.node().legacy && !q.has("eta") && !q.has("material");
-        let (eta, k) = if legacy_copper {
-            (Rgb::new(0.2, 0.92, 1.1), Rgb::new(3.9, 2.45, 2.14))
-        } else {
-            (Rgb::BLACK, Rgb::WHITE)
+        // Without anything: a mirror in Mitsuba 3, copper in Mitsuba 0.6.
+        let legacy_copper = q.node().legacy && !q.has("eta") && !q.has("k") && !q.has("material");
+        let name = named.unwrap_or(if legacy_copper { "Cu" } else { "none" });
+        let Some((eta, k)) = metal_by_name(name) else {
+            let names: Vec<&str> = METAL_NAMES.iter().map(|m| m.0).collect();
+            return Err(q.error_at("material", format!("unknown metal \"{name}\"")).suggest(name, &names));
         };
         let eta = self.color_param(q, "eta", eta, ColorUse::Unbounded)?;
         let k = self.color_param(q, "k", k, ColorUse::Unbounded)?;
@@ -205,6 +357,14 @@ impl<'d> Loader<'d> {
             _ => Err(q.error_at("ext_eta", "\"ext_eta\" with a textured eta or k").help("leave it out")),
         }
     }
+}
+
+/// Microfacet slopes beyond this are of no use.
+const MAX_ALPHA: f32 = 10.0;
+
+fn distribution(q: &Query) -> Result<Distribution, SceneError> {
+    let known = [("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)];
+    q.choice("distribution", Distribution::Beckmann, &known)
 }
 
 fn missing_nested(q: &Query, count: usize) -> SceneError {

@@ -145,12 +145,14 @@ fn camera(q: &Query, window: FilmWindow, to_scene: &ToScene) -> Result<Camera, S
     Ok(Camera::perspective(&settings, fov_x(q, window.aspect())?, principal, lens))
 }
 
-/// As Mitsuba without a sensor: from before the scene's box along +z, 45 degrees wide, all of it in view.
+/// Like Mitsuba without a sensor: from before the scene's box along +z, 45 degrees wide; with all of the box in view.
 fn default_sensor(view: &View, options: &LoadOptions) -> Sensor {
     let film = default_film(options);
     let (center, extent) = (view.bounds.center().as_dvec3(), view.bounds.extent().as_dvec3());
     let fov_x = 45f64.to_radians();
-    let distance = 0.5 * extent.max_element() / (0.5 * fov_x).tan();
+    let tan_x = (0.5 * fov_x).tan();
+    let reach = f64::max(extent.x, extent.y * film.window.aspect());
+    let distance = 0.55 * reach.max(0.1 * extent.z) / tan_x;
     let eye = DVec3::new(center.x, center.y, f64::from(view.bounds.min.z) - distance);
     let to_world = Transform::new(DMat4::from_translation(eye)).expect("a translation has an inverse");
     let settings = CameraSettings { to_world, window: film.window, near_clip: 0.0, far_clip: f32::INFINITY };

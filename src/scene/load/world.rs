@@ -11,7 +11,7 @@ use super::sensors::View;
 use super::shapes::{ShapeDesc, invertible};
 use super::{Loader, ToScene, integrators, not_yet};
 use crate::accel::Accel;
-use crate::bsdf::{self, MaterialError, MaterialId};
+use crate::bsdf::{self, Material, MaterialId};
 use crate::geometry::{GeometrySet, Instance, Shape};
 use crate::light::{AreaLight, Light, LightContext, LightSelector};
 use crate::math::{Bounds3, Transform};
@@ -83,6 +83,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         None => ToScene { center: DVec3::ZERO, scale: 1.0 },
     };
     let placed = loader.place(world, &to_scene, &mut stats)?;
+    loader.scale_heights(to_scene.scale as f32);
     loader.check_materials()?;
     let geometry = Arc::new(placed.set);
     let bounds = match geometry.bounds() {
@@ -310,13 +311,19 @@ impl<'d> Loader<'d> {
         }
     }
 
+    /// Bump heights are lengths of the world.
+    fn scale_heights(&mut self, to_scene: f32) {
+        for m in &mut self.materials {
+            if let Material::BumpMap { scale, .. } = m {
+                *scale *= to_scene;
+            }
+        }
+    }
+
     /// What evaluation relies on, told at the material that breaks it.
     fn check_materials(&self) -> Result<(), SceneError> {
         let Err(error) = bsdf::check(&self.materials) else { return Ok(()) };
-        let id = match &error {
-            MaterialError::Missing(id) | MaterialError::Cycle(id) | MaterialError::TransmissiveTwoSided(id) => *id,
-            MaterialError::TooManyLobes { id, .. } => *id,
-        };
+        let id = error.material();
         let node = self.material_nodes.get(id.0 as usize).copied().flatten().unwrap_or(self.doc.root());
         Err(SceneError::at(&self.doc.node(node).pos, error.to_string()))
     }

@@ -198,3 +198,82 @@ fn hash_follows_content_and_defines() {
     assert_ne!(hash(text, &[]), hash(text, &[("r", "2")]));
     assert_ne!(hash(text, &[]), hash(&format!("{text} "), &[]));
 }
+
+#[test]
+fn every_material_loads_with_its_defaults() {
+    for plugin in [
+        "diffuse",
+        "dielectric",
+        "thindielectric",
+        "roughdielectric",
+        "conductor",
+        "roughconductor",
+        "plastic",
+        "roughplastic",
+        "phong",
+        "principled",
+        "principledthin",
+        "null",
+    ] {
+        let s = ok(&format!("<shape type=\"sphere\"><bsdf type=\"{plugin}\"/></shape>"));
+        let si = s.intersect(&Ray::new(Vec3::new(0.0, 0.1, 2.0), Vec3::NEG_Z)).expect("the sphere");
+        assert!(!s.bsdf(&si).lobes().is_empty(), "{plugin}");
+    }
+}
+
+#[test]
+fn nested_materials_and_bump_heights() {
+    let texture = "<texture type=\"checkerboard\"/>";
+    let s = ok(&format!(
+        "<shape type=\"sphere\"><float name=\"radius\" value=\"100\"/><bsdf type=\"bumpmap\"><float name=\"scale\" value=\"4\"/>
+         {texture}<bsdf type=\"mask\"><float name=\"opacity\" value=\"0.25\"/><bsdf type=\"twosided\"><bsdf type=\"diffuse\"/>
+         <bsdf type=\"plastic\"/></bsdf></bsdf></bsdf></shape>"
+    ));
+    // The heights are lengths: 4 of a sphere of radius 100.
+    let scale = s.materials.iter().find_map(|m| match m {
+        crate::bsdf::Material::BumpMap { scale, .. } => Some(*scale),
+        _ => None,
+    });
+    assert_eq!(scale, Some(4.0 * s.to_scene.scale as f32));
+    let si = s.intersect(&Ray::new(Vec3::new(0.0, 0.1, 2.0), Vec3::NEG_Z)).expect("the sphere");
+    let lobes = s.bsdf(&si).lobes();
+    assert!(lobes.intersects(LobeMask::NULL) && lobes.intersects(LobeMask::DIFFUSE));
+}
+
+#[test]
+fn mitsuba_06_files_load() {
+    let s = load(
+        "<scene version=\"0.6.0\"><integrator type=\"photonmapper\"><integer name=\"globalPhotons\" value=\"1000\"/>
+         <float name=\"causticLookupRadius\" value=\"0.01\"/><integer name=\"maxDepth\" value=\"-1\"/></integrator>
+         <sensor type=\"perspective\"><string name=\"fovAxis\" value=\"smaller\"/><float name=\"fov\" value=\"40\"/>
+         <transform name=\"toWorld\"><scale x=\"-1\"/><lookAt origin=\"0,0,4\" target=\"0,0,0\" up=\"0,1,0\"/></transform>
+         <film type=\"hdrfilm\"><string name=\"pixelFormat\" value=\"rgb\"/><boolean name=\"banner\" value=\"false\"/></film>
+         <sampler type=\"ldsampler\"><integer name=\"sampleCount\" value=\"8\"/></sampler></sensor>
+         <shape type=\"sphere\"><bsdf type=\"dielectric\"><float name=\"intIOR\" value=\"1.5\"/></bsdf></shape>
+         <shape type=\"rectangle\"><boolean name=\"flipNormals\" value=\"true\"/><bsdf type=\"roughconductor\"/>
+         <emitter type=\"area\"><spectrum name=\"radiance\" value=\"2, 1, 1\"/></emitter></shape></scene>",
+    )
+    .unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(s.integrator.integer("global_photons"), Some(1000));
+    assert_eq!(s.integrator.float("caustic_lookup_radius"), Some(0.01));
+    assert_eq!((s.sampler.spp, s.lights.len()), (8, 1));
+}
+
+#[test]
+fn the_scenes_of_the_repository_load() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let options = LoadOptions { accel: AccelKind::Bvh, ..LoadOptions::default() };
+    let mut count = 0;
+    for entry in std::fs::read_dir(folder).expect("scenes/ is there") {
+        let path = entry.expect("scenes/ can be read").path();
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        // Scenes whose mesh the program writes first are tested where it is written.
+        if path.extension().is_none_or(|e| e != "xml") || text.contains("terrain.ply") {
+            continue;
+        }
+        let s = Scene::load(&path, &options).unwrap_or_else(|e| panic!("{e}"));
+        assert!(s.warnings.is_empty() && !s.lights.is_empty(), "{}: {:?}", path.display(), s.warnings);
+        count += 1;
+    }
+    assert!(count >= 4, "{count}");
+}
