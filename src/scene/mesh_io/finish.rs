@@ -177,6 +177,12 @@ fn transform_normals(
 
 /// True when the area is zero to working precision: `area² ≤ (1e-7 · len²)²`, `len` the longest edge.
 fn has_no_area(p: [Vec3; 3]) -> bool {
+    // Where f32 is far from doubt it decides: its error is about 1e-6 len², and this asks for an area above 5e-5 len².
+    let (a, b) = (p[1] - p[0], p[2] - p[0]);
+    let longest_sq = a.length_squared().max(b.length_squared()).max((b - a).length_squared());
+    if longest_sq > 1e-15 && a.cross(b).length_squared() > 1e-8 * longest_sq * longest_sq {
+        return false;
+    }
     let [p0, p1, p2] = p.map(Vec3::as_dvec3);
     let (a, b, c): (DVec3, DVec3, DVec3) = (p1 - p0, p2 - p0, p2 - p1);
     let longest_sq = a.length_squared().max(b.length_squared()).max(c.length_squared());
