@@ -100,9 +100,11 @@ pub unsafe fn intersect16(valid: *const i32, scene: RTCScene, rayhit: &mut RTCRa
         rtcIntersect16(valid, scene, &mut context(coherence), rayhit)
     }
     #[cfg(embree4)]
+    let mut arguments = arguments!(RTCIntersectArguments, coherence);
+    #[cfg(embree4)]
     // SAFETY: the caller's contract, and the arguments live through the call.
     unsafe {
-        rtcIntersect16(valid, scene, rayhit, &mut arguments!(RTCIntersectArguments, coherence))
+        rtcIntersect16(valid, scene, rayhit, &mut arguments)
     }
 }
 
@@ -119,8 +121,10 @@ pub unsafe fn occluded16(valid: *const i32, scene: RTCScene, ray: &mut RTCRay16,
         rtcOccluded16(valid, scene, &mut context(coherence), ray)
     }
     #[cfg(embree4)]
+    let mut arguments = arguments!(RTCOccludedArguments, coherence);
+    #[cfg(embree4)]
     // SAFETY: the caller's contract, and the arguments live through the call.
     unsafe {
-        rtcOccluded16(valid, scene, ray, &mut arguments!(RTCOccludedArguments, coherence))
+        rtcOccluded16(valid, scene, ray, &mut arguments)
     }
 }
