@@ -102,6 +102,7 @@ impl GeometrySet {
     }
 
     /// What is known about the point that `ray` hit.
+    #[inline]
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
         let instance = (hit.instance != NO_INSTANCE).then(|| &self.instances[hit.instance as usize]);
         let local_ray = instance.map_or(*ray, |i| i.local_ray(ray));

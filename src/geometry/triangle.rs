@@ -1,4 +1,4 @@
-use glam::{DVec3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 
 use super::{Ray, SurfaceInteraction, TriangleMesh};
 use crate::math::{Frame, gamma};
@@ -100,9 +100,22 @@ pub fn refine_triangle(ray: &Ray, k: [usize; 3], tri: [Vec3; 3]) -> Option<(f32,
     })
 }
 
-/// The unit normal of a triangle by the right-hand rule, in f64 so that needles keep theirs; `None` for zero area.
+/// The unit normal of a triangle by the right-hand rule; `None` for zero area.
 #[inline]
 pub fn triangle_normal(p: [Vec3; 3]) -> Option<Vec3> {
+    // With an angle of 6° or more between the edges, f32 is good to 20 ulps.
+    let (e1, e2) = (p[1] - p[0], p[2] - p[0]);
+    let n = e1.cross(e2);
+    let len_sq = n.length_squared();
+    if len_sq > 0.01 * (e1.length_squared() * e2.length_squared()) && (1e-30..1e30).contains(&len_sq) {
+        return Some(n / len_sq.sqrt());
+    }
+    needle_normal(p)
+}
+
+/// [`triangle_normal`] in f64, so that needles keep theirs.
+#[cold]
+fn needle_normal(p: [Vec3; 3]) -> Option<Vec3> {
     let [a, b, c] = p.map(|p| p.as_dvec3());
     let n = (b - a).cross(c - a);
     let len = n.length();
@@ -139,6 +152,7 @@ impl TriangleMesh {
     }
 
     /// What is known about the point with barycentric weights `(u, v)` of triangle `prim`.
+    #[inline]
     pub(super) fn interaction(&self, ray: &Ray, t: f32, prim: u32, u: f32, v: f32) -> SurfaceInteraction {
         let index = self.indices[prim as usize].map(|i| i as usize);
         let tri = self.triangle(prim);
@@ -193,14 +207,14 @@ impl TriangleMesh {
 }
 
 /// ∂p/∂u and ∂p/∂v of an affine parametrisation; `None` when it is degenerate.
+#[inline]
 fn uv_derivatives(p: [Vec3; 3], uv: [Vec2; 3]) -> Option<(Vec3, Vec3)> {
-    let [e1, e2] = [p[1] - p[0], p[2] - p[0]].map(|e| e.as_dvec3());
-    let [d1, d2] = [uv[1] - uv[0], uv[2] - uv[0]].map(|d| d.as_dvec2());
-    let det = d1.x * d2.y - d1.y * d2.x;
-    let du: DVec3 = (d2.y * e1 - d1.y * e2) / det;
-    let dv: DVec3 = (d1.x * e2 - d2.x * e1) / det;
-    let (du, dv) = (du.as_vec3(), dv.as_vec3());
+    let (e1, e2) = (p[1] - p[0], p[2] - p[0]);
+    let (d1, d2) = (uv[1] - uv[0], uv[2] - uv[0]);
+    let inv_det = 1.0 / (d1.x * d2.y - d1.y * d2.x);
+    let du = (d2.y * e1 - d1.y * e2) * inv_det;
+    let dv = (d1.x * e2 - d2.x * e1) * inv_det;
     // The derivatives must span the plane of the triangle.
-    let good = du.is_finite() && dv.is_finite() && du.as_dvec3().cross(dv.as_dvec3()).length_squared() > 0.0;
-    good.then_some((du, dv))
+    let spans = du.as_dvec3().cross(dv.as_dvec3()).length_squared();
+    (spans > 0.0 && spans.is_finite()).then_some((du, dv))
 }
