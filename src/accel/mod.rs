@@ -10,7 +10,7 @@ mod embree;
 
 use std::sync::Arc;
 
-pub use bvh::Bvh;
+pub use bvh::{Bvh, Isa};
 #[cfg(embree)]
 pub use embree::EmbreeAccel;
 

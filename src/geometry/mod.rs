@@ -1,5 +1,6 @@
 //! Rays, triangle meshes, analytic shapes, hits and what is known about the point that was hit.
 
+pub mod generate;
 mod mesh;
 mod quadric;
 mod ray;
@@ -14,5 +15,6 @@ pub use ray::{Hit, NO_INSTANCE, Ray};
 pub use set::{GeometrySet, Instance, SurfaceInteraction};
 pub use shape::{Cylinder, Disk, Shape, Sphere};
 pub use triangle::{
-    RETEST, ShearedRay, intersect_triangle, is_traceable, refine_triangle, triangle_normal, triangle_point_error,
+    RETEST, RefiningRay, ShearedRay, intersect_triangle, is_traceable, refine_triangle, triangle_normal,
+    triangle_point_error,
 };

@@ -15,7 +15,7 @@ pub struct ShearedRay {
 
 impl ShearedRay {
     /// `None` when a coordinate is not finite or the direction is zero: such a ray hits nothing.
-    #[inline]
+    #[inline(always)]
     pub fn new(ray: &Ray) -> Option<Self> {
         if !is_traceable(ray) {
             return None;
@@ -39,7 +39,7 @@ impl ShearedRay {
 }
 
 /// True when a query with this ray is defined; every other ray hits nothing.
-#[inline]
+#[inline(always)]
 pub fn is_traceable(ray: &Ray) -> bool {
     ray.o.is_finite() && ray.d.is_finite() && ray.d != Vec3::ZERO && ray.tmax > 0.0
 }
@@ -75,29 +75,58 @@ pub fn intersect_triangle(ray: &Ray, sheared: &ShearedRay, tri: [Vec3; 3]) -> Op
     refine_triangle(ray, sheared.k, tri)
 }
 
-/// Repeats the triangle test in f64 for a triangle that is known to be hit.
-///
-/// The sign of `t` is then right for every ray that starts outside the rounding error of the plane, needles of any aspect
-/// included, which f32 cannot promise.
+/// Repeats the triangle test in f64 for a triangle that is known to be hit; `k` permutes the axes as in [`ShearedRay`].
 #[inline]
 pub fn refine_triangle(ray: &Ray, k: [usize; 3], tri: [Vec3; 3]) -> Option<(f32, f32, f32)> {
-    let (o, d) = (ray.o.as_dvec3(), ray.d.as_dvec3());
-    let [dx, dy, dz] = k.map(|i| d[i]);
-    // Shear without the division, which only scales all three edge functions by dz².
-    let [(ax, ay, az), (bx, by, bz), (cx, cy, cz)] = tri.map(|p| {
-        let p = p.as_dvec3() - o;
-        (p[k[0]] * dz - dx * p[k[2]], p[k[1]] * dz - dy * p[k[2]], p[k[2]])
-    });
-    let u = cx * by - cy * bx;
-    let v = ax * cy - ay * cx;
-    let w = bx * ay - by * ax;
-    let rcp = 1.0 / (u + v + w);
-    let t = ((u * az + v * bz + w * cz) * rcp / dz) as f32;
-    // An infinite reciprocal or NaN fails the comparisons.
-    (t > 0.0 && t < ray.tmax).then(|| {
-        let weight = |x: f64| ((x * rcp) as f32).clamp(0.0, 1.0);
-        (t, weight(v), weight(w))
-    })
+    let permute = |v: Vec3| k.map(|i| v[i]);
+    RefiningRay::new(ray, k).refine(tri.map(permute), ray.tmax)
+}
+
+/// A ray in f64 with permuted axes.
+#[derive(Clone, Copy, Debug)]
+pub struct RefiningRay {
+    o: [f64; 3],
+    d: [f64; 3],
+}
+
+impl RefiningRay {
+    /// `k` as in [`ShearedRay`].
+    #[inline(always)]
+    pub fn new(ray: &Ray, k: [usize; 3]) -> Self {
+        let [x, y, z] = k;
+        Self {
+            o: [ray.o[x] as f64, ray.o[y] as f64, ray.o[z] as f64],
+            d: [ray.d[x] as f64, ray.d[y] as f64, ray.d[z] as f64],
+        }
+    }
+
+    /// `(t, u, v)` of the hit with a triangle whose corners have permuted coordinates.
+    ///
+    /// The sign of `t` is right for every ray that starts outside the rounding error of the plane, needles included, which
+    /// f32 cannot promise.
+    #[inline(always)]
+    pub fn refine(&self, tri: [[f32; 3]; 3], tmax: f32) -> Option<(f32, f32, f32)> {
+        let (o, d) = (self.o, self.d);
+        // Shear without the division, which only scales all three edge functions by dz².
+        let shear = |p: [f32; 3]| {
+            let [x, y, z] = [p[0] as f64 - o[0], p[1] as f64 - o[1], p[2] as f64 - o[2]];
+            (x * d[2] - d[0] * z, y * d[2] - d[1] * z, z)
+        };
+        let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (shear(tri[0]), shear(tri[1]), shear(tri[2]));
+        let u = cx * by - cy * bx;
+        let v = ax * cy - ay * cx;
+        let w = bx * ay - by * ax;
+        let rcp = 1.0 / ((u + v + w) * d[2]);
+        let t = ((u * az + v * bz + w * cz) * rcp) as f32;
+        // An infinite reciprocal or NaN fails the comparisons.
+        if t > 0.0 && t < tmax {
+            let rcp = rcp * d[2];
+            let weight = |x: f64| ((x * rcp) as f32).clamp(0.0, 1.0);
+            Some((t, weight(v), weight(w)))
+        } else {
+            None
+        }
+    }
 }
 
 /// The unit normal of a triangle by the right-hand rule; `None` for zero area.

@@ -5,6 +5,8 @@
 use glam::{Vec3Swizzles, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
+use super::pages::Pages;
+use super::wide::LANES;
 use crate::math::Bounds3;
 
 /// Bins per axis.
@@ -17,7 +19,8 @@ const PARALLEL_SPLIT: usize = 4096;
 const PARALLEL_SWEEP: usize = 1 << 17;
 
 /// A box with the identity of what is inside.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
 pub(super) struct PrimRef {
     /// Lower corner; w holds the bits of the id.
     lo: Vec4,
@@ -47,7 +50,8 @@ impl PrimRef {
 
 /// A node of the binary tree. The subtree over `n` references owns `2n − 1` consecutive slots and starts at its root;
 /// the left child follows its parent, the right child follows the slots of the left one.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
 pub(super) struct Node2 {
     lo: Vec4,
     hi: Vec4,
@@ -81,7 +85,7 @@ impl Node2 {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn half_area(lo: Vec4, hi: Vec4) -> f32 {
     let e = (hi - lo).xyz();
     e.dot(e.yzx())
@@ -97,7 +101,7 @@ struct Box4 {
 impl Box4 {
     const EMPTY: Self = Self { lo: Vec4::INFINITY, hi: Vec4::NEG_INFINITY };
 
-    #[inline]
+    #[inline(always)]
     fn grow(&mut self, lo: Vec4, hi: Vec4) {
         self.lo = self.lo.min(lo);
         self.hi = self.hi.max(hi);
@@ -114,7 +118,7 @@ struct RangeInfo {
 impl RangeInfo {
     const EMPTY: Self = Self { bounds: Box4::EMPTY, centroids: Box4::EMPTY };
 
-    #[inline]
+    #[inline(always)]
     fn add(&mut self, r: &PrimRef) {
         self.bounds.grow(r.lo, r.hi);
         let c = r.lo + r.hi;
@@ -146,8 +150,6 @@ impl RangeInfo {
 pub(super) struct Cost {
     /// Cost of one leaf block.
     pub block: f32,
-    /// Triangles in one leaf block.
-    pub width: usize,
     /// Cost of one binary step.
     pub step: f32,
     /// Largest leaf.
@@ -157,7 +159,7 @@ pub(super) struct Cost {
 impl Cost {
     #[inline]
     fn leaf(&self, n: usize) -> f32 {
-        n.div_ceil(self.width) as f32 * self.block
+        n.div_ceil(LANES) as f32 * self.block
     }
 }
 
@@ -166,52 +168,69 @@ impl Cost {
 struct Binning {
     origin: Vec4,
     scale: Vec4,
+    /// Bins in use: few for short ranges, where sweeping over bins would cost more than filling them.
+    bins: usize,
 }
 
 impl Binning {
-    fn new(c: &Box4) -> Self {
+    fn new(c: &Box4, refs: usize) -> Self {
+        let bins = (8 + refs / 16).min(BINS);
         let extent = c.hi - c.lo;
         // A flat axis gets scale 0 and all its centroids fall into bin 0.
-        let scale = |e: f32| if e > 0.0 && (BINS as f32 / e).is_finite() { BINS as f32 * 0.9999 / e } else { 0.0 };
-        Self { origin: c.lo, scale: Vec4::new(scale(extent.x), scale(extent.y), scale(extent.z), 0.0) }
+        let scale = |e: f32| if e > 0.0 && (bins as f32 / e).is_finite() { bins as f32 * 0.9999 / e } else { 0.0 };
+        Self { origin: c.lo, scale: Vec4::new(scale(extent.x), scale(extent.y), scale(extent.z), 0.0), bins }
     }
 
-    #[inline]
+    #[inline(always)]
     fn bins(&self, r: &PrimRef) -> [usize; 3] {
         // Adding 2²³ leaves the integer part in the low bits of the mantissa.
         let x = ((r.lo + r.hi) - self.origin) * self.scale - Vec4::splat(0.5);
         let x = x.max(Vec4::ZERO) + Vec4::splat(8_388_608.0);
-        [x.x, x.y, x.z].map(|x| (x.to_bits() & (BINS as u32 - 1)) as usize)
+        let bin = |x: f32| (x.to_bits() & (BINS as u32 - 1)) as usize;
+        [bin(x.x), bin(x.y), bin(x.z)]
     }
 }
 
+/// Boxes and counts of all bins; only the first `used` of each axis are valid.
 struct Bins {
     boxes: [[Box4; BINS]; 3],
     counts: [[u32; BINS]; 3],
+    used: usize,
 }
 
 impl Bins {
-    fn of(refs: &[PrimRef], map: &Binning) -> Self {
+    const EMPTY: Self = Self { boxes: [[Box4::EMPTY; BINS]; 3], counts: [[0; BINS]; 3], used: 0 };
+
+    fn fill(&mut self, refs: &[PrimRef], map: &Binning) {
         if refs.len() > PARALLEL_SWEEP {
-            return refs
-                .par_chunks(PARALLEL_SWEEP / 4)
-                .map(|c| Self::of(c, map))
-                .reduce_with(Self::merge)
-                .expect("the range is not empty");
+            let part = |c: &[PrimRef]| {
+                let mut b = Self::EMPTY;
+                b.fill(c, map);
+                b
+            };
+            let chunks = refs.par_chunks(PARALLEL_SWEEP / 4).map(part);
+            *self = chunks.reduce_with(Self::merge).expect("the range is not empty");
+            return;
         }
-        let mut b = Self { boxes: [[Box4::EMPTY; BINS]; 3], counts: [[0; BINS]; 3] };
+        self.used = map.bins;
+        for axis in 0..3 {
+            self.boxes[axis][..map.bins].fill(Box4::EMPTY);
+            self.counts[axis][..map.bins].fill(0);
+        }
         for r in refs {
-            for (axis, bin) in map.bins(r).into_iter().enumerate() {
-                b.boxes[axis][bin].grow(r.lo, r.hi);
-                b.counts[axis][bin] += 1;
-            }
+            let [x, y, z] = map.bins(r);
+            self.boxes[0][x].grow(r.lo, r.hi);
+            self.boxes[1][y].grow(r.lo, r.hi);
+            self.boxes[2][z].grow(r.lo, r.hi);
+            self.counts[0][x] += 1;
+            self.counts[1][y] += 1;
+            self.counts[2][z] += 1;
         }
-        b
     }
 
     fn merge(mut self, o: Self) -> Self {
         for axis in 0..3 {
-            for i in 0..BINS {
+            for i in 0..self.used {
                 self.boxes[axis][i].grow(o.boxes[axis][i].lo, o.boxes[axis][i].hi);
                 self.counts[axis][i] += o.counts[axis][i];
             }
@@ -226,13 +245,13 @@ impl Bins {
             // Sweep from the right, then from the left.
             let mut right = [0f32; BINS];
             let (mut b, mut n) = (Box4::EMPTY, 0);
-            for i in (1..BINS).rev() {
+            for i in (1..self.used).rev() {
                 b.grow(self.boxes[axis][i].lo, self.boxes[axis][i].hi);
                 n += self.counts[axis][i] as usize;
                 right[i] = if n == 0 { f32::NAN } else { half_area(b.lo, b.hi) * cost.leaf(n) };
             }
             let (mut b, mut n) = (Box4::EMPTY, 0);
-            for (i, &right) in right.iter().enumerate().skip(1) {
+            for (i, &right) in right.iter().enumerate().take(self.used).skip(1) {
                 b.grow(self.boxes[axis][i - 1].lo, self.boxes[axis][i - 1].hi);
                 n += self.counts[axis][i - 1] as usize;
                 if n == 0 {
@@ -250,17 +269,19 @@ impl Bins {
 }
 
 /// Builds the tree and reorders `refs` so that every leaf is a range of one kind.
-pub(super) fn build(refs: &mut [PrimRef], cost: &Cost) -> Vec<Node2> {
+pub(super) fn build(refs: &mut [PrimRef], cost: &Cost) -> Pages<Node2> {
     if refs.is_empty() {
-        return Vec::new();
+        return Pages::zeroed(0);
     }
-    let mut nodes = vec![Node2::default(); 2 * refs.len() - 1];
+    let mut nodes = Pages::<Node2>::zeroed(2 * refs.len() - 1);
     let info = RangeInfo::of(refs);
-    let mut scratch = if refs.len() > PARALLEL_SWEEP { vec![PrimRef::default(); refs.len()] } else { Vec::new() };
-    split(refs, &mut scratch, &mut nodes, 0, info, 0, cost);
+    let mut scratch = Pages::<PrimRef>::zeroed(if refs.len() > PARALLEL_SWEEP { refs.len() } else { 0 });
+    let mut bins = Bins::EMPTY;
+    split(refs, &mut scratch, &mut nodes, 0, info, 0, cost, &mut bins);
     nodes
 }
 
+#[allow(clippy::too_many_arguments)]
 fn split(
     refs: &mut [PrimRef],
     scratch: &mut [PrimRef],
@@ -269,18 +290,21 @@ fn split(
     info: RangeInfo,
     depth: u32,
     cost: &Cost,
+    bins: &mut Bins,
 ) {
     let n = refs.len();
     let same_kind = n <= cost.max_leaf && refs.iter().all(|r| r.kind() == refs[0].kind());
     let fits = same_kind && (refs[0].kind() == 0 || n == 1);
     let area = half_area(info.bounds.lo, info.bounds.hi);
-    if n == 1 {
-        nodes[0] = Node2::new(&info.bounds, first as u32, 1);
+    // Where a step costs as much as a block, a single block is never worth splitting.
+    if n == 1 || fits && n <= LANES && cost.step >= cost.block {
+        nodes[0] = Node2::new(&info.bounds, first as u32, n as u32);
         return;
     }
     // Find the cheapest plane and compare it with a leaf.
-    let map = Binning::new(&info.centroids);
-    let plane = if depth < MAX_SAH_DEPTH { Bins::of(refs, &map).best(cost) } else { None };
+    let map = Binning::new(&info.centroids, n);
+    bins.fill(refs, &map);
+    let plane = if depth < MAX_SAH_DEPTH { bins.best(cost) } else { None };
     let split_cost = plane.map_or(f32::INFINITY, |p| p.0) + cost.step * area;
     if fits && cost.leaf(n) * area <= split_cost {
         nodes[0] = Node2::new(&info.bounds, first as u32, n as u32);
@@ -302,12 +326,15 @@ fn split(
     let (sl, sr) = if scratch.is_empty() { (&mut [][..], &mut [][..]) } else { scratch.split_at_mut(mid) };
     if n > PARALLEL_SPLIT {
         rayon::join(
-            || split(rl, sl, nl, first, left, depth + 1, cost),
-            || split(rr, sr, nr, first + mid, right, depth + 1, cost),
+            || split(rl, sl, nl, first, left, depth + 1, cost, bins),
+            || {
+                let mut bins = Bins::EMPTY;
+                split(rr, sr, nr, first + mid, right, depth + 1, cost, &mut bins);
+            },
         );
     } else {
-        split(rl, sl, nl, first, left, depth + 1, cost);
-        split(rr, sr, nr, first + mid, right, depth + 1, cost);
+        split(rl, sl, nl, first, left, depth + 1, cost, bins);
+        split(rr, sr, nr, first + mid, right, depth + 1, cost, bins);
     }
 }
 

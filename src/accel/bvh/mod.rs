@@ -5,7 +5,10 @@
 //! that stands in the scene itself wins over instances.
 
 mod binned;
+mod kernel;
+mod pages;
 mod parts;
+mod simd;
 #[cfg(test)]
 mod tests;
 mod traverse;
@@ -25,6 +28,31 @@ pub struct Bvh {
     set: Arc<GeometrySet>,
     top: Tree,
     groups: Vec<Tree>,
+    isa: Isa,
+}
+
+/// The instruction set of the traversal kernels. All give the same hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Isa {
+    Avx512,
+    Avx2,
+    Neon,
+    Portable,
+}
+
+impl Isa {
+    /// All of them, the fastest first.
+    pub const ALL: [Self; 4] = [Self::Avx512, Self::Avx2, Self::Neon, Self::Portable];
+
+    /// Its name, for people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Avx512 => "AVX-512",
+            Self::Avx2 => "AVX2",
+            Self::Neon => "NEON",
+            Self::Portable => "portable",
+        }
+    }
 }
 
 impl Bvh {
@@ -35,9 +63,18 @@ impl Bvh {
         let groups = groups?;
         let placed: Vec<Bounds3> = set.instances.iter().map(|i| i.bounds(&groups[i.group as usize].bounds)).collect();
         let top = build_tree(&set, &set.top, &placed)?;
-        let bvh = Self { set, top, groups };
+        let bvh = Self { set, top, groups, isa: Isa::detect() };
         debug_assert_eq!(bvh.validate(), Ok(()));
         Some(bvh)
+    }
+
+    /// The same tree searched with another instruction set; `None` when this processor does not have it.
+    pub fn with_isa(self, isa: Isa) -> Option<Self> {
+        isa.is_available().then_some(Self { isa, ..self })
+    }
+
+    fn group_of(&self, instance: u32) -> &Tree {
+        &self.groups[self.set.instances[instance as usize].group as usize]
     }
 
     /// The nearest hit along `ray`.
@@ -60,14 +97,15 @@ impl Bvh {
 
     /// Name and instruction set, for people.
     pub fn description(&self) -> String {
-        "Rust BVH8".to_owned()
+        format!("Rust BVH8, {}", self.isa.name())
     }
 }
 
 fn build_tree(set: &GeometrySet, shapes: &[u32], instances: &[Bounds3]) -> Option<Tree> {
     let parts = Parts::new(set, shapes, instances.len());
-    let mut refs = parts.refs(set, instances);
-    let cost = binned::Cost { block: 1.0, width: wide::LANES, step: 0.5, max_leaf: wide::LANES * wide::MAX_BLOCKS };
-    let nodes2 = binned::build(&mut refs, &cost);
-    wide::collapse(&nodes2, &refs, parts)
+    let (mut refs, count) = parts.refs(set, instances);
+    let refs = &mut refs[..count];
+    let cost = binned::Cost { block: 1.0, step: 1.0, max_leaf: wide::LANES * wide::MAX_BLOCKS };
+    let nodes2 = binned::build(refs, &cost);
+    wide::collapse(&nodes2, refs, parts)
 }

@@ -6,6 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::binned::PrimRef;
+use super::pages::Pages;
 use crate::geometry::{GeometrySet, Shape, TriangleMesh};
 use crate::math::Bounds3;
 
@@ -74,10 +75,10 @@ impl Parts {
         size_of_val(&self.parts[..])
     }
 
-    /// A box for every id. Boxes that are not finite are left out: nothing in them can be hit.
-    pub fn refs(&self, set: &GeometrySet, instance_bounds: &[Bounds3]) -> Vec<PrimRef> {
+    /// A box for every id, and how many there are: boxes that are not finite are left out, as nothing in them can be hit.
+    pub fn refs(&self, set: &GeometrySet, instance_bounds: &[Bounds3]) -> (Pages<PrimRef>, usize) {
         let shapes = self.parts.len() - instance_bounds.len();
-        let mut refs = vec![PrimRef::default(); self.len];
+        let mut refs = Pages::<PrimRef>::zeroed(self.len);
         let mut rest = &mut refs[..];
         let mut all_finite = true;
         for (i, part) in self.parts.iter().enumerate() {
@@ -108,12 +109,18 @@ impl Parts {
                 all_finite &= bounds.min.is_finite() && bounds.max.is_finite();
             }
         }
+        // Close the gaps that undefined boxes leave.
+        let mut kept = self.len;
         if !all_finite {
-            refs.retain(|r| {
-                let b = r.bounds();
-                b.min.is_finite() && b.max.is_finite()
-            });
+            kept = 0;
+            for i in 0..refs.len() {
+                let b = refs[i].bounds();
+                if b.min.is_finite() && b.max.is_finite() {
+                    refs[kept] = refs[i];
+                    kept += 1;
+                }
+            }
         }
-        refs
+        (refs, kept)
     }
 }

@@ -142,8 +142,12 @@ pub(super) fn brute_force(set: &GeometrySet, ray: &Ray) -> Option<Hit> {
     best
 }
 
+fn available() -> impl Iterator<Item = Isa> {
+    Isa::ALL.into_iter().filter(|isa| isa.is_available())
+}
+
 fn agree(set: &Arc<GeometrySet>, rng: &mut Random, rays: usize) -> usize {
-    let bvh = Bvh::build(set.clone()).expect("small");
+    let mut bvh = Bvh::build(set.clone()).expect("small");
     bvh.validate().expect("valid");
     let mut hits = 0;
     for i in 0..rays {
@@ -155,8 +159,11 @@ fn agree(set: &Arc<GeometrySet>, rng: &mut Random, rays: usize) -> usize {
         let tmax = if i % 5 == 0 { 2.0 * rng.unit() } else { f32::INFINITY };
         let ray = Ray::segment(o, d * 10f32.powf(4.0 * rng.unit() - 2.0), tmax);
         let expected = brute_force(set, &ray);
-        assert_eq!(bvh.intersect(&ray), expected, "{ray:?}");
-        assert_eq!(bvh.occluded(&ray), expected.is_some(), "{ray:?}");
+        for isa in available() {
+            bvh.isa = isa;
+            assert_eq!(bvh.intersect(&ray), expected, "{isa:?} {ray:?}");
+            assert_eq!(bvh.occluded(&ray), expected.is_some(), "{isa:?} {ray:?}");
+        }
         hits += usize::from(expected.is_some());
     }
     hits
@@ -232,8 +239,10 @@ fn a_closed_mesh_does_not_leak() {
     let mesh = ball(60);
     let points = mesh.positions.as_slice().to_vec();
     let indices = mesh.indices.clone();
-    let bvh = Bvh::build(mesh_set(mesh)).expect("small");
+    let mut bvh = Bvh::build(mesh_set(mesh)).expect("small");
+    let kinds: Vec<Isa> = available().collect();
     for i in 0..200_000 {
+        bvh.isa = kinds[i / 3 % kinds.len()];
         // From inside, at vertices, at points of edges, and anywhere.
         let tri = indices[(rng.unit() * indices.len() as f32) as usize].map(|k| points[k as usize]);
         let target = match i % 3 {
@@ -259,8 +268,8 @@ fn the_tree_does_not_depend_on_the_number_of_threads() {
     for threads in [2, 3] {
         let many = build(threads);
         assert_eq!(one.top.root, many.top.root);
-        assert!(one.top.nodes.iter().zip(&many.top.nodes).all(|(a, b)| a.child == b.child && a.bounds == b.bounds));
-        assert!(one.top.blocks.iter().zip(&many.top.blocks).all(|(a, b)| a.id == b.id));
+        let bytes = |t: &Tree| [bytemuck::cast_slice::<_, u8>(&t.nodes), bytemuck::cast_slice(&t.blocks)].concat();
+        assert!(bytes(&one.top) == bytes(&many.top));
         assert_eq!((one.top.nodes.len(), one.top.blocks.len()), (many.top.nodes.len(), many.top.blocks.len()));
     }
 }

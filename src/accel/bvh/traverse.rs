@@ -1,138 +1,237 @@
-//! Portable traversal: the reference that the vector kernels are tested against.
+//! The traversal loop, written once for all instruction sets.
 
-use glam::Vec3;
-
-use super::Bvh;
-use super::parts::{KIND_QUADRIC, KIND_TRIANGLE};
-use super::wide::{Child, Node8, Tree, WIDTH};
-use crate::geometry::{Hit, NO_INSTANCE, Ray, Shape, ShearedRay, intersect_triangle};
-use crate::math::gamma;
+use super::kernel::Kernel;
+use super::parts::KIND_QUADRIC;
+use super::wide::{Block, Child, LANES, Tree, WIDTH};
+use super::{Bvh, simd};
+use crate::geometry::{Hit, NO_INSTANCE, Ray, RefiningRay, Shape, ShearedRay, intersect_triangle};
+use crate::math::{Vec3, gamma};
 
 /// Entries of the traversal stack: seven siblings for each level of the deepest tree the builder makes.
-const STACK: usize = 1024;
-
-/// A ray prepared for slab tests.
-pub(super) struct SlabRay {
-    pub o: Vec3,
-    /// Reciprocal direction; finite, so that no product with a finite number is NaN.
-    pub rcp: Vec3,
-    /// Row of [`Node8::bounds`] with the near plane of each axis; the far plane is in row `(near + 3) % 6`.
-    pub near: [usize; 3],
-}
-
-impl SlabRay {
-    #[inline]
-    pub fn new(ray: &Ray) -> Self {
-        let rcp = ray.d.map(|d| if d.abs() < 1e-37 { 1e37f32.copysign(d) } else { 1.0 / d });
-        let near = [0, 1, 2].map(|a| if rcp[a] < 0.0 { a + 3 } else { a });
-        Self { o: ray.o, rcp, near }
-    }
-}
+pub(super) const STACK: usize = 1024;
 
 /// Widens the far side of a slab by the rounding of both sides [Ize 2013, "Robust BVH Ray Traversal"].
 pub(super) const FAR_SCALE: f32 = 1.0 + 2.0 * gamma(3);
 
-/// Entry distances of the boxes of a node, infinite where the ray misses.
-#[inline]
-fn entries(node: &Node8, ray: &SlabRay, tmax: f32) -> [f32; WIDTH] {
-    std::array::from_fn(|i| {
-        let (mut near, mut far) = (0f32, tmax * FAR_SCALE);
-        for axis in 0..3 {
-            let row = ray.near[axis];
-            near = near.max((node.bounds[row][i] - ray.o[axis]) * ray.rcp[axis]);
-            far = far.min((node.bounds[(row + 3) % 6][i] - ray.o[axis]) * ray.rcp[axis] * FAR_SCALE);
-        }
-        if near <= far { near } else { f32::INFINITY }
-    })
+/// A ray prepared for slab tests.
+#[derive(Clone, Copy)]
+pub(super) struct SlabRay {
+    pub o: Vec3,
+    /// Reciprocal direction; finite, so that no product with a finite number is NaN.
+    pub rcp: Vec3,
+    /// Row of [`Node8::bounds`] with the near plane of each axis, and with the far plane.
+    pub near: [usize; 3],
+    pub far: [usize; 3],
+}
+
+impl SlabRay {
+    #[inline(always)]
+    pub fn new(ray: &Ray) -> Self {
+        let rcp = |d: f32| if d.abs() < 1e-37 { 1e37f32.copysign(d) } else { 1.0 / d };
+        let rcp = Vec3::new(rcp(ray.d.x), rcp(ray.d.y), rcp(ray.d.z));
+        let row = |r: f32, a: usize| if r < 0.0 { a + 3 } else { a };
+        let near = [row(rcp.x, 0), row(rcp.y, 1), row(rcp.z, 2)];
+        let far = [row(-rcp.x, 0), row(-rcp.y, 1), row(-rcp.z, 2)];
+        Self { o: ray.o, rcp, near, far }
+    }
 }
 
 /// The best hit so far, with the rule for equal distances.
 #[derive(Clone, Copy)]
 pub(super) struct Best {
-    /// Upper end of the search; a hit at exactly this distance counts only if its ids are lower.
-    pub t: f32,
-    pub hit: Option<Hit>,
+    /// Upper end of the search; a hit at exactly this distance counts only if its rank is lower.
+    t: f32,
+    u: f32,
+    v: f32,
+    /// Instance + 1, or 0; then the id in the tree. Both 0 until something is found.
+    rank: (u32, u32),
+    found: bool,
 }
 
 impl Best {
-    #[inline]
-    pub fn offer(&mut self, hit: Hit) {
-        let rank = |h: &Hit| (h.instance.wrapping_add(1), h.shape, h.prim);
-        let better = hit.t < self.t || hit.t == self.t && self.hit.is_some_and(|h| rank(&hit) < rank(&h));
-        if better {
-            *self = Self { t: hit.t, hit: Some(hit) };
+    #[inline(always)]
+    fn offer(&mut self, t: f32, u: f32, v: f32, rank: (u32, u32)) {
+        if t < self.t || t == self.t && rank < self.rank {
+            *self = Self { t, u, v, rank, found: true };
         }
     }
 }
 
 /// The nearest hit along a ray.
+#[inline]
 pub(super) fn intersect(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
-    let mut best = Best { t: ray.tmax, hit: None };
-    walk(bvh, &bvh.top, ray, NO_INSTANCE, &mut best, false);
-    best.hit
+    let mut best = Best { t: ray.tmax, u: 0.0, v: 0.0, rank: (0, 0), found: false };
+    simd::walk::<false>(bvh, &bvh.top, ray, 0, &mut best);
+    best.found.then(|| {
+        let instance = best.rank.0.wrapping_sub(1);
+        let tree = if instance == NO_INSTANCE { &bvh.top } else { bvh.group_of(instance) };
+        let (part, prim) = tree.parts.find(best.rank.1);
+        Hit { t: best.t, u: best.u, v: best.v, shape: part.index, prim, instance }
+    })
 }
 
 /// True when anything is hit.
+#[inline]
 pub(super) fn occluded(bvh: &Bvh, ray: &Ray) -> bool {
-    let mut best = Best { t: ray.tmax, hit: None };
-    walk(bvh, &bvh.top, ray, NO_INSTANCE, &mut best, true);
-    best.hit.is_some()
+    let mut best = Best { t: ray.tmax, u: 0.0, v: 0.0, rank: (0, 0), found: false };
+    simd::walk::<true>(bvh, &bvh.top, ray, 0, &mut best);
+    best.found
 }
 
-/// Visits the tree front to back; stops at the first hit when `any` is set.
-fn walk(bvh: &Bvh, tree: &Tree, ray: &Ray, instance: u32, best: &mut Best, any: bool) {
+/// A stack entry: the entry distance in the upper half, so that integers order like distances.
+#[inline(always)]
+fn entry(near: f32, child: Child) -> u64 {
+    (near.to_bits() as u64) << 32 | child.0 as u64
+}
+
+/// Visits the tree front to back (in any order when `ANY` is set, and then only to the first hit).
+///
+/// `placed` is the instance that the tree belongs to, plus one.
+#[inline(always)]
+pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
     let Some(sheared) = ShearedRay::new(ray) else { return };
     if tree.root == Child::NONE {
         return;
     }
+    let (nodes, blocks) = (&tree.nodes[..], &tree.blocks[..]);
     let slab = SlabRay::new(ray);
-    let mut stack = arrayvec::ArrayVec::<(f32, Child), STACK>::new();
-    stack.push((0.0, tree.root));
-    while let Some((t, child)) = stack.pop() {
-        if t > best.t * FAR_SCALE {
-            continue;
+    let kernel = K::new(&slab, &sheared);
+    let refining = RefiningRay::new(ray, sheared.k);
+    let mut stack = [const { std::mem::MaybeUninit::<u64>::uninit() }; STACK];
+    let mut size = 0;
+    let mut near = [0f32; WIDTH];
+    let mut limit = best.t * FAR_SCALE;
+    let mut current = tree.root;
+    loop {
+        // Descend to a leaf.
+        let mut missed = false;
+        while current.is_node() {
+            let node = simd::node_of(nodes, current);
+            let mut mask = kernel.node(node, limit, &mut near);
+            if mask == 0 {
+                missed = true;
+                break;
+            }
+            let first = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            if mask == 0 {
+                current = node.child[first & 7];
+                continue;
+            }
+            if ANY {
+                current = node.child[first & 7];
+                while mask != 0 {
+                    let i = mask.trailing_zeros() as usize & 7;
+                    mask &= mask - 1;
+                    K::prefetch(nodes, blocks, node.child[i]);
+                    stack[size].write(entry(near[i], node.child[i]));
+                    size += 1;
+                }
+                continue;
+            }
+            let mut a = entry(near[first & 7], node.child[first & 7]);
+            let i = mask.trailing_zeros() as usize & 7;
+            let mut b = entry(near[i], node.child[i]);
+            mask &= mask - 1;
+            if mask == 0 {
+                (a, b) = (a.min(b), a.max(b));
+                K::prefetch(nodes, blocks, Child(b as u32));
+                stack[size].write(b);
+                size += 1;
+                current = Child(a as u32);
+                continue;
+            }
+            // Three or more: sort the new entries, the nearest goes on.
+            let base = size;
+            K::prefetch(nodes, blocks, Child(a as u32));
+            K::prefetch(nodes, blocks, Child(b as u32));
+            (a, b) = (a.min(b), a.max(b));
+            stack[size].write(b);
+            stack[size + 1].write(a);
+            size += 2;
+            while mask != 0 {
+                let i = mask.trailing_zeros() as usize & 7;
+                mask &= mask - 1;
+                let e = entry(near[i], node.child[i]);
+                K::prefetch(nodes, blocks, node.child[i]);
+                let mut at = size;
+                while at > base {
+                    // SAFETY-free read: entries below `size` are written.
+                    let below = simd::read(&stack, at - 1);
+                    if below >= e {
+                        break;
+                    }
+                    stack[at].write(below);
+                    at -= 1;
+                }
+                stack[at].write(e);
+                size += 1;
+            }
+            size -= 1;
+            current = Child(simd::read(&stack, size) as u32);
         }
-        if !child.is_node() {
-            leaf(bvh, tree, ray, &sheared, child, instance, best, any);
-            if any && best.hit.is_some() {
+        // Try the leaf.
+        if !missed {
+            if current.kind() == 0 {
+                for block in simd::blocks_of(blocks, current) {
+                    test_block(&kernel, block, ray, &sheared, &refining, placed, best);
+                }
+            } else {
+                single::<ANY>(bvh, tree, ray, current, placed, best);
+            }
+            if ANY && best.found {
                 return;
             }
-            continue;
+            limit = best.t * FAR_SCALE;
         }
-        // Push the boxes that are hit, the nearest last.
-        let node = &tree.nodes[child.0 as usize];
-        let first = stack.len();
-        for (i, t) in entries(node, &slab, best.t).into_iter().enumerate() {
-            if t < f32::INFINITY {
-                stack.push((t, node.child[i]));
+        // Take the next subtree that begins before the best hit.
+        let bound = (limit.to_bits() as u64) << 32 | u32::MAX as u64;
+        loop {
+            if size == 0 {
+                return;
+            }
+            size -= 1;
+            let e = simd::read(&stack, size);
+            if e <= bound {
+                current = Child(e as u32);
+                break;
             }
         }
-        stack[first..].sort_by(|a, b| b.0.total_cmp(&a.0));
     }
 }
 
-#[allow(clippy::too_many_arguments)]
-fn leaf(
-    bvh: &Bvh,
-    tree: &Tree,
+/// Tests the triangles of a block; the few that pass in f32 are decided in f64.
+#[inline(always)]
+fn test_block<K: Kernel>(
+    kernel: &K,
+    block: &Block,
     ray: &Ray,
     sheared: &ShearedRay,
-    child: Child,
-    instance: u32,
+    refining: &RefiningRay,
+    placed: u32,
     best: &mut Best,
-    any: bool,
 ) {
-    if child.kind() == KIND_TRIANGLE {
-        for block in &tree.blocks[child.blocks()] {
-            for (lane, &id) in block.id.iter().enumerate() {
-                if let Some((t, u, v)) = intersect_triangle(ray, sheared, block.triangle(lane)) {
-                    let (part, prim) = tree.parts.find(id);
-                    best.offer(Hit { t, u, v, shape: part.index, prim, instance });
-                }
-            }
+    let mut mask = kernel.block(block);
+    while mask & 0xff != 0 {
+        let lane = mask.trailing_zeros() as usize % LANES;
+        let on_edge = mask >> (8 + lane) & 1 != 0;
+        mask &= mask - 1;
+        let hit = if on_edge {
+            intersect_triangle(ray, sheared, block.triangle(lane))
+        } else {
+            let k = sheared.k;
+            let corner = |v: usize| [block.v[v][k[0]][lane], block.v[v][k[1]][lane], block.v[v][k[2]][lane]];
+            refining.refine([corner(0), corner(1), corner(2)], ray.tmax)
+        };
+        if let Some((t, u, v)) = hit {
+            best.offer(t, u, v, (placed, block.id[lane]));
         }
-        return;
     }
+}
+
+/// Tests an analytic shape or enters an instance.
+#[inline(never)]
+fn single<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, child: Child, placed: u32, best: &mut Best) {
     let (part, _) = tree.parts.find(child.id());
     if child.kind() == KIND_QUADRIC {
         let t = match &bvh.set.shapes[part.index as usize] {
@@ -142,10 +241,10 @@ fn leaf(
             Shape::Cylinder(s) => s.intersect(ray),
         };
         if let Some(t) = t {
-            best.offer(Hit { t, u: 0.0, v: 0.0, shape: part.index, prim: 0, instance });
+            best.offer(t, 0.0, 0.0, (placed, child.id()));
         }
         return;
     }
-    let placed = &bvh.set.instances[part.index as usize];
-    walk(bvh, &bvh.groups[placed.group as usize], &placed.local_ray(ray), part.index, best, any);
+    let local = bvh.set.instances[part.index as usize].local_ray(ray);
+    simd::walk::<ANY>(bvh, bvh.group_of(part.index), &local, part.index + 1, best);
 }

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::binned::{Node2, PrimRef};
+use super::pages::Pages;
 use super::parts::{KIND_TRIANGLE, Parts};
 use crate::math::Bounds3;
 
@@ -18,7 +19,8 @@ const PARALLEL_FILL: usize = 8192;
 /// What a child slot refers to, in 32 bits.
 ///
 /// `0 | node:31`, `1 | 00 | blocks−1:3 | block:26` for triangles, `1 | kind:2 | id:29` for one quadric or instance.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
 pub(super) struct Child(pub u32);
 
 impl Child {
@@ -37,21 +39,26 @@ impl Child {
         Self(1 << 31 | kind << 29 | id)
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn is_node(self) -> bool {
         self.0 >> 31 == 0
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn kind(self) -> u32 {
         self.0 >> 29 & 3
     }
 
+    /// The first block of a triangle leaf.
+    #[inline(always)]
+    pub fn first_block(self) -> usize {
+        (self.0 & 0x03ff_ffff) as usize
+    }
+
     /// The blocks of a triangle leaf.
-    #[inline]
+    #[inline(always)]
     pub fn blocks(self) -> std::ops::Range<usize> {
-        let first = (self.0 & 0x03ff_ffff) as usize;
-        first..first + (self.0 >> 26 & 7) as usize + 1
+        self.first_block()..self.first_block() + (self.0 >> 26 & 7) as usize + 1
     }
 
     #[inline]
@@ -67,7 +74,7 @@ pub(super) const ID_LIMIT: usize = 1 << 29;
 
 /// Eight boxes and what is in them. Empty slots have inverted infinite boxes.
 #[repr(C, align(64))]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub(super) struct Node8 {
     /// Minimum x, y, z, then maximum x, y, z.
     pub bounds: [[f32; WIDTH]; 6],
@@ -108,7 +115,7 @@ impl Node8 {
 
 /// Triangles side by side: `v[vertex][axis][lane]`. Unused lanes are NaN, which no ray hits.
 #[repr(C, align(16))]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 pub(super) struct Block {
     pub v: [[[f32; LANES]; 3]; 3],
     pub id: [u32; LANES],
@@ -141,8 +148,8 @@ impl Block {
 /// The finished tree over one group of shapes.
 #[derive(Debug)]
 pub(super) struct Tree {
-    pub nodes: Vec<Node8>,
-    pub blocks: Vec<Block>,
+    pub nodes: Pages<Node8>,
+    pub blocks: Pages<Block>,
     pub root: Child,
     pub bounds: Bounds3,
     pub parts: Parts,
@@ -233,7 +240,13 @@ struct Job<'a> {
 /// Builds the wide tree from the binary one.
 pub(super) fn collapse(nodes2: &[Node2], refs: &[PrimRef], parts: Parts) -> Option<Tree> {
     let Some(top) = nodes2.first() else {
-        return Some(Tree { nodes: vec![], blocks: vec![], root: Child::NONE, bounds: Bounds3::EMPTY, parts });
+        return Some(Tree {
+            nodes: Pages::zeroed(0),
+            blocks: Pages::zeroed(0),
+            root: Child::NONE,
+            bounds: Bounds3::EMPTY,
+            parts,
+        });
     };
     let mut sizes = vec![Size::default(); nodes2.len()];
     let size = measure(nodes2, refs, &mut sizes);
@@ -241,8 +254,8 @@ pub(super) fn collapse(nodes2: &[Node2], refs: &[PrimRef], parts: Parts) -> Opti
         return None;
     }
     let inner = usize::from(top.count() == 0);
-    let mut nodes = vec![Node8::EMPTY; size.nodes + inner];
-    let mut blocks = vec![Block::EMPTY; size.blocks];
+    let mut nodes = Pages::<Node8>::zeroed(size.nodes + inner);
+    let mut blocks = Pages::<Block>::zeroed(size.blocks);
     let bounds = top.bounds();
     let (node, below) = nodes.split_at_mut(inner);
     let job = Job {
@@ -268,6 +281,7 @@ fn leaf(n: &Node2, refs: &[PrimRef], parts: &Parts, blocks: &mut [Block], first:
         return Child::single(refs[0].kind(), refs[0].id());
     }
     for (block, refs) in blocks.iter_mut().zip(refs.chunks(LANES)) {
+        *block = Block::EMPTY;
         block.fill(refs, parts);
     }
     Child::triangles(first, refs.len().div_ceil(LANES))
@@ -275,6 +289,7 @@ fn leaf(n: &Node2, refs: &[PrimRef], parts: &Parts, blocks: &mut [Block], first:
 
 fn fill(job: Job, refs: &[PrimRef], parts: &Parts) {
     let Some(node) = job.node else { return };
+    *node = Node8::EMPTY;
     let children = open(job.nodes2);
     let n_inner = children.iter().filter(|&&c| job.nodes2[c].count() == 0).count();
     // The inner children stand side by side, then follow their subtrees.

@@ -1,0 +1,81 @@
+//! What an instruction set has to provide, and the portable version of it.
+
+use super::traverse::{FAR_SCALE, SlabRay};
+use super::wide::{Block, Child, LANES, Node8, WIDTH};
+use crate::geometry::ShearedRay;
+
+/// A ray in the registers of one instruction set. All versions do the same operations in the same order, without fused
+/// multiply-add in the triangle test, so that their results are equal.
+pub(super) trait Kernel: Copy {
+    fn new(slab: &SlabRay, sheared: &ShearedRay) -> Self;
+
+    /// Starts to load what a child refers to, which will be needed later.
+    fn prefetch(nodes: &[Node8], blocks: &[Block], child: Child);
+
+    /// Which of the eight boxes the ray meets before `limit`; their entry distances go to `near`.
+    fn node(&self, node: &Node8, limit: f32, near: &mut [f32; WIDTH]) -> u32;
+
+    /// Which triangles of the block pass the edge tests; bit 8 + lane says that an edge function was exactly zero.
+    fn block(&self, block: &Block) -> u32;
+}
+
+/// Plain arrays, for every processor.
+#[derive(Clone, Copy)]
+pub(super) struct Portable {
+    slab: SlabRay,
+    o: [f32; 3],
+    k: [usize; 3],
+    s: [f32; 2],
+}
+
+impl Kernel for Portable {
+    #[inline(always)]
+    fn new(slab: &SlabRay, sheared: &ShearedRay) -> Self {
+        let k = sheared.k;
+        Self { slab: *slab, o: k.map(|k| slab.o[k]), k, s: [sheared.s.x, sheared.s.y] }
+    }
+
+    #[inline(always)]
+    fn prefetch(_: &[Node8], _: &[Block], _: Child) {}
+
+    #[inline(always)]
+    fn node(&self, node: &Node8, limit: f32, near: &mut [f32; WIDTH]) -> u32 {
+        let r = &self.slab;
+        let mut far = [f32::INFINITY; WIDTH];
+        *near = [0.0; WIDTH];
+        for axis in 0..3 {
+            let (n, f) = (&node.bounds[r.near[axis]], &node.bounds[r.far[axis]]);
+            for i in 0..WIDTH {
+                let a = (n[i] - r.o[axis]) * r.rcp[axis];
+                let b = (f[i] - r.o[axis]) * r.rcp[axis];
+                near[i] = if a > near[i] { a } else { near[i] };
+                far[i] = if b < far[i] { b } else { far[i] };
+            }
+        }
+        let mut mask = 0;
+        for i in 0..WIDTH {
+            let far = far[i] * FAR_SCALE;
+            let far = if far < limit { far } else { limit };
+            mask |= u32::from(near[i] <= far) << i;
+        }
+        mask
+    }
+
+    #[inline(always)]
+    fn block(&self, block: &Block) -> u32 {
+        let ([kx, ky, kz], [sx, sy]) = (self.k, self.s);
+        let mut mask = 0;
+        for i in 0..LANES {
+            let corner = |v: usize| {
+                let z = block.v[v][kz][i] - self.o[2];
+                ((block.v[v][kx][i] - self.o[0]) - sx * z, (block.v[v][ky][i] - self.o[1]) - sy * z)
+            };
+            let ((ax, ay), (bx, by), (cx, cy)) = (corner(0), corner(1), corner(2));
+            let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
+            let pass = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
+            let zero = u == 0.0 || v == 0.0 || w == 0.0;
+            mask |= u32::from(pass) << i | u32::from(pass && zero) << (8 + i);
+        }
+        mask
+    }
+}

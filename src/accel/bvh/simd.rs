@@ -1,0 +1,232 @@
+//! Vector kernels and their dispatch: the only unsafe code of this room.
+
+use std::mem::MaybeUninit;
+
+use super::kernel::{Kernel, Portable};
+use super::traverse::{self, Best, STACK};
+use super::wide::{Block, Child, Node8, Tree};
+use super::{Bvh, Isa};
+use crate::geometry::Ray;
+
+/// Reads a stack entry.
+#[inline(always)]
+pub(super) fn read(stack: &[MaybeUninit<u64>; STACK], index: usize) -> u64 {
+    // SAFETY: the traversal loop writes entry `size` before it increments `size`, and reads only below `size`.
+    unsafe { stack[index].assume_init() }
+}
+
+/// The node that a child slot of this tree refers to.
+#[inline(always)]
+pub(super) fn node_of(nodes: &[Node8], child: Child) -> &Node8 {
+    debug_assert!((child.0 as usize) < nodes.len());
+    // SAFETY: `collapse` only makes node references below the number of nodes, and a tree is never changed.
+    unsafe { nodes.get_unchecked(child.0 as usize) }
+}
+
+/// The blocks that a triangle leaf of this tree refers to.
+#[inline(always)]
+pub(super) fn blocks_of(blocks: &[Block], child: Child) -> &[Block] {
+    debug_assert!(child.blocks().end <= blocks.len());
+    // SAFETY: `collapse` only makes leaf references within the blocks, and a tree is never changed.
+    unsafe { blocks.get_unchecked(child.blocks()) }
+}
+
+impl Isa {
+    /// The best one that this processor has.
+    pub fn detect() -> Self {
+        Self::ALL.into_iter().find(|isa| isa.is_available()).unwrap_or(Self::Portable)
+    }
+
+    /// True when this processor can run it.
+    pub fn is_available(self) -> bool {
+        match self {
+            Self::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi1"),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                Self::Avx2.is_available() && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")
+            }
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => std::arch::is_aarch64_feature_detected!("neon"),
+            #[allow(unreachable_patterns)]
+            _ => false,
+        }
+    }
+}
+
+/// Searches `tree` with the kernel that was chosen when the tree was built.
+#[inline]
+pub(super) fn walk<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
+    match bvh.isa {
+        // SAFETY: `Bvh::isa` is only ever set to an available instruction set.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => unsafe { x86::walk_avx512::<ANY>(bvh, tree, ray, placed, best) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => unsafe { x86::walk_avx2::<ANY>(bvh, tree, ray, placed, best) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "aarch64")]
+        Isa::Neon => unsafe { neon::walk_neon::<ANY>(bvh, tree, ray, placed, best) },
+        _ => walk_portable::<ANY>(bvh, tree, ray, placed, best),
+    }
+}
+
+#[inline(never)]
+fn walk_portable<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
+    traverse::walk::<Portable, ANY>(bvh, tree, ray, placed, best);
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use core::arch::x86_64::*;
+
+    use super::super::traverse::{FAR_SCALE, SlabRay};
+    use super::super::wide::{Block, Child, Node8, WIDTH};
+    use super::*;
+    use crate::geometry::ShearedRay;
+
+    #[target_feature(enable = "avx2,bmi1")]
+    pub(super) fn walk_avx2<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
+        traverse::walk::<Avx2, ANY>(bvh, tree, ray, placed, best);
+    }
+
+    #[target_feature(enable = "avx2,bmi1,avx512f,avx512vl")]
+    pub(super) fn walk_avx512<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
+        traverse::walk::<Avx512, ANY>(bvh, tree, ray, placed, best);
+    }
+
+    /// Eight boxes in one register, four triangles in half of one.
+    #[derive(Clone, Copy)]
+    pub(super) struct Avx2 {
+        o: [__m256; 3],
+        rcp: [__m256; 3],
+        near: [usize; 3],
+        far: [usize; 3],
+        k: [usize; 3],
+        ko: [__m128; 3],
+        s: [__m128; 2],
+    }
+
+    impl Avx2 {
+        /// Entry and exit distances of the eight boxes.
+        #[inline(always)]
+        fn slabs(&self, node: &Node8, limit: f32) -> (__m256, __m256) {
+            // SAFETY: this type exists only inside functions that enable AVX2; rows are 32-byte aligned as the node is.
+            unsafe {
+                let plane = |row: usize, axis: usize| {
+                    let p = _mm256_load_ps(node.bounds[row].as_ptr());
+                    _mm256_mul_ps(_mm256_sub_ps(p, self.o[axis]), self.rcp[axis])
+                };
+                let n = _mm256_max_ps(plane(self.near[0], 0), plane(self.near[1], 1));
+                let n = _mm256_max_ps(n, _mm256_max_ps(plane(self.near[2], 2), _mm256_setzero_ps()));
+                let f = _mm256_min_ps(plane(self.far[0], 0), plane(self.far[1], 1));
+                let f = _mm256_min_ps(f, plane(self.far[2], 2));
+                (n, _mm256_min_ps(_mm256_mul_ps(f, _mm256_set1_ps(FAR_SCALE)), _mm256_set1_ps(limit)))
+            }
+        }
+    }
+
+    impl Kernel for Avx2 {
+        #[inline(always)]
+        fn new(slab: &SlabRay, sheared: &ShearedRay) -> Self {
+            // Written out: a closure handed to `map` would be compiled without the instruction set.
+            let k = sheared.k;
+            // SAFETY: called only inside functions that enable AVX2.
+            unsafe {
+                Self {
+                    o: [_mm256_set1_ps(slab.o.x), _mm256_set1_ps(slab.o.y), _mm256_set1_ps(slab.o.z)],
+                    rcp: [_mm256_set1_ps(slab.rcp.x), _mm256_set1_ps(slab.rcp.y), _mm256_set1_ps(slab.rcp.z)],
+                    near: slab.near,
+                    far: slab.far,
+                    k,
+                    ko: [_mm_set1_ps(slab.o[k[0]]), _mm_set1_ps(slab.o[k[1]]), _mm_set1_ps(slab.o[k[2]])],
+                    s: [_mm_set1_ps(sheared.s.x), _mm_set1_ps(sheared.s.y)],
+                }
+            }
+        }
+
+        #[inline(always)]
+        fn prefetch(nodes: &[Node8], blocks: &[Block], child: Child) {
+            let (address, lines) = if child.is_node() {
+                (nodes.as_ptr().wrapping_add(child.0 as usize).cast::<i8>(), 4)
+            } else {
+                (blocks.as_ptr().wrapping_add(child.first_block()).cast::<i8>(), 3)
+            };
+            for line in 0..lines {
+                // SAFETY: a prefetch has no effect but on the cache, for any address.
+                unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line)) };
+            }
+        }
+
+        #[inline(always)]
+        fn node(&self, node: &Node8, limit: f32, near: &mut [f32; WIDTH]) -> u32 {
+            let (n, f) = self.slabs(node, limit);
+            // SAFETY: as in `slabs`; the store is unaligned.
+            unsafe {
+                _mm256_storeu_ps(near.as_mut_ptr(), n);
+                _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(n, f)) as u32
+            }
+        }
+
+        #[inline(always)]
+        fn block(&self, block: &Block) -> u32 {
+            // SAFETY: as in `slabs`; lanes are 16-byte aligned as the block is.
+            unsafe {
+                let [kx, ky, kz] = self.k;
+                let corner = |v: usize| {
+                    let load = |k: usize, o: __m128| _mm_sub_ps(_mm_load_ps(block.v[v][k].as_ptr()), o);
+                    let z = load(kz, self.ko[2]);
+                    (
+                        _mm_sub_ps(load(kx, self.ko[0]), _mm_mul_ps(self.s[0], z)),
+                        _mm_sub_ps(load(ky, self.ko[1]), _mm_mul_ps(self.s[1], z)),
+                    )
+                };
+                let ((ax, ay), (bx, by), (cx, cy)) = (corner(0), corner(1), corner(2));
+                let edge = |p, q, r, s| _mm_sub_ps(_mm_mul_ps(p, q), _mm_mul_ps(r, s));
+                let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
+                let zero = _mm_setzero_ps();
+                let low = _mm_min_ps(_mm_min_ps(u, v), w);
+                let high = _mm_max_ps(_mm_max_ps(u, v), w);
+                let pass = _mm_or_ps(_mm_cmpge_ps(low, zero), _mm_cmple_ps(high, zero));
+                let mask = _mm_movemask_ps(pass) as u32;
+                if mask == 0 {
+                    return 0;
+                }
+                let on_edge = _mm_or_ps(_mm_cmpeq_ps(low, zero), _mm_cmpeq_ps(high, zero));
+                mask | (_mm_movemask_ps(on_edge) as u32 & mask) << 8
+            }
+        }
+    }
+
+    /// The same with mask registers.
+    #[derive(Clone, Copy)]
+    pub(super) struct Avx512(Avx2);
+
+    impl Kernel for Avx512 {
+        #[inline(always)]
+        fn new(slab: &SlabRay, sheared: &ShearedRay) -> Self {
+            Self(Avx2::new(slab, sheared))
+        }
+
+        #[inline(always)]
+        fn prefetch(nodes: &[Node8], blocks: &[Block], child: Child) {
+            Avx2::prefetch(nodes, blocks, child);
+        }
+
+        #[inline(always)]
+        fn node(&self, node: &Node8, limit: f32, near: &mut [f32; WIDTH]) -> u32 {
+            let (n, f) = self.0.slabs(node, limit);
+            // SAFETY: this type exists only inside functions that enable AVX-512 VL; the store is unaligned.
+            unsafe {
+                _mm256_storeu_ps(near.as_mut_ptr(), n);
+                _mm256_cmp_ps_mask::<_CMP_LE_OQ>(n, f) as u32
+            }
+        }
+
+        #[inline(always)]
+        fn block(&self, block: &Block) -> u32 {
+            self.0.block(block)
+        }
+    }
+}
