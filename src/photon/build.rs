@@ -11,8 +11,11 @@ use rayon::prelude::*;
 /// Subtrees of at least this many photons are balanced as two parallel halves.
 const PARALLEL_FROM: usize = 1 << 14;
 
+/// Subtrees of fewer photons are balanced as sets of bits.
+const SMALL: usize = 64;
+
 /// What the balancing moves: a position and the photon's place in emission order.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(16))]
 pub(crate) struct Key {
     pub p: [f32; 3],
@@ -23,25 +26,64 @@ impl Key {
     /// Total order along an axis, ties by emission index, as one integer.
     #[inline]
     fn order<const AXIS: usize>(&self) -> u64 {
-        let bits = self.p[AXIS].to_bits() as i32;
-        // Negative floats count backwards: flip all their bits, and only the sign of the others.
-        let ordered = (bits ^ (bits >> 31 | i32::MIN)) as u32;
-        u64::from(ordered) << 32 | u64::from(self.id)
+        u64::from(ordered(self.p[AXIS])) << 32 | u64::from(self.id)
+    }
+}
+
+/// A float's place in the total order of floats.
+#[inline]
+fn ordered(v: f32) -> u32 {
+    let bits = v.to_bits() as i32;
+    // Negative floats count backwards: flip all their bits, and only the sign of the others.
+    (bits ^ (bits >> 31 | i32::MIN)) as u32
+}
+
+/// Memory of keys, on huge pages where the system has them: at eight million photons, clearing small pages one by one would
+/// take a tenth of the time.
+pub(crate) struct Keys(Option<memmap2::MmapMut>, Vec<Key>);
+
+impl Keys {
+    fn new(n: usize) -> Self {
+        let bytes = n * size_of::<Key>();
+        let pages = (bytes >= 1 << 21).then(|| memmap2::MmapMut::map_anon(bytes).ok()).flatten();
+        if let Some(pages) = &pages {
+            #[cfg(target_os = "linux")]
+            // Only advice: without it the pages are small.
+            let _ = pages.advise(memmap2::Advice::HugePage);
+        }
+        let small = if pages.is_some() { Vec::new() } else { vec![Key { p: [0.0; 3], id: 0 }; n] };
+        Self(pages, small)
+    }
+
+    pub fn as_slice(&self) -> &[Key] {
+        self.0.as_deref().map_or(&self.1, bytemuck::cast_slice)
+    }
+
+    fn as_mut_slice(&mut self) -> &mut [Key] {
+        self.0.as_deref_mut().map_or(&mut self.1, bytemuck::cast_slice_mut)
     }
 }
 
 /// Keys in the tree's left-to-right order, and the split axis of each.
-pub(crate) fn balance(photons: &[Photon]) -> (Vec<Key>, Vec<u8>) {
-    let mut keys: Vec<Key> = photons.par_iter().enumerate().map(|(i, p)| Key { p: p.position, id: i as u32 }).collect();
-    let mut axes = vec![0; keys.len()];
-    balance_range(&mut keys, &mut axes);
+pub(crate) fn balance(photons: &[Photon]) -> (Keys, Vec<u8>) {
+    let mut keys = Keys::new(photons.len());
+    let slice = keys.as_mut_slice();
+    (slice.par_chunks_mut(PARALLEL_FROM).zip(photons.par_chunks(PARALLEL_FROM)).enumerate()).for_each(
+        |(chunk, (keys, photons))| {
+            for (i, (key, photon)) in keys.iter_mut().zip(photons).enumerate() {
+                *key = Key { p: photon.position, id: (chunk * PARALLEL_FROM + i) as u32 };
+            }
+        },
+    );
+    let mut axes = vec![0; slice.len()];
+    balance_range(slice, &mut axes);
     (keys, axes)
 }
 
 fn balance_range(keys: &mut [Key], axes: &mut [u8]) {
     let n = keys.len();
-    if n < 2 {
-        return;
+    if n < SMALL {
+        return Small::balance(keys, axes);
     }
     // Put the photon of the root's rank in its place, smaller ones to its left.
     let axis = widest_axis(keys);
@@ -67,14 +109,117 @@ fn balance_range(keys: &mut [Key], axes: &mut [u8]) {
 
 /// The axis of the widest extent; the first of equal ones.
 fn widest_axis(keys: &[Key]) -> usize {
-    let (mut lo, mut hi) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    // Four lanes, the index among them, make one vector of a key.
+    let (mut lo, mut hi) = ([f32::INFINITY; 4], [f32::NEG_INFINITY; 4]);
     for key in keys {
-        for a in 0..3 {
-            lo[a] = if key.p[a] < lo[a] { key.p[a] } else { lo[a] };
-            hi[a] = if key.p[a] > hi[a] { key.p[a] } else { hi[a] };
+        let v = [key.p[0], key.p[1], key.p[2], 0.0];
+        for a in 0..4 {
+            lo[a] = if v[a] < lo[a] { v[a] } else { lo[a] };
+            hi[a] = if v[a] > hi[a] { v[a] } else { hi[a] };
         }
     }
-    let extent: [f32; 3] = std::array::from_fn(|a| hi[a] - lo[a]);
+    widest(std::array::from_fn(|a| hi[a] - lo[a]))
+}
+
+fn widest(extent: [f32; 3]) -> usize {
     let xy = usize::from(extent[1] > extent[0]);
     if extent[2] > extent[xy] { 2 } else { xy }
+}
+
+/// The last levels of the balancing. The photons are sorted along every axis once; a node is then a set of bits in each of
+/// the three orders, its extents are at the first and the last bit, and its lower half are its lowest bits.
+struct Small {
+    /// Along each axis: the coordinates in order, which photon has which rank, and which rank has which photon.
+    sorted: [[f32; SMALL]; 3],
+    label: [[u8; SMALL]; 3],
+    rank: [[u8; SMALL]; 3],
+    /// The result, from left to right.
+    order: [u8; SMALL],
+    axes: [u8; SMALL],
+}
+
+impl Small {
+    fn balance(keys: &mut [Key], axes: &mut [u8]) {
+        let n = keys.len();
+        if n < 2 {
+            return;
+        }
+        let none = [[0; SMALL]; 3];
+        let mut small =
+            Self { sorted: [[0.0; SMALL]; 3], label: none, rank: none, order: [0; SMALL], axes: [0; SMALL] };
+        small.sort::<0>(keys);
+        small.sort::<1>(keys);
+        small.sort::<2>(keys);
+        small.node([(1 << n) - 1; 3], 0);
+
+        let mut copy = [Key { p: [0.0; 3], id: 0 }; SMALL];
+        copy[..n].copy_from_slice(keys);
+        for (key, &label) in keys.iter_mut().zip(&small.order) {
+            *key = copy[label as usize % SMALL];
+        }
+        axes.copy_from_slice(&small.axes[..n]);
+    }
+
+    /// Sorts along one axis, ties by emission index.
+    fn sort<const AXIS: usize>(&mut self, keys: &[Key]) {
+        let mut values = [0u64; SMALL];
+        let values = &mut values[..keys.len()];
+        for (label, (value, key)) in values.iter_mut().zip(keys).enumerate() {
+            *value = u64::from(ordered(key.p[AXIS])) << 32 | label as u64;
+        }
+        let coordinate = |value: &u64| value >> 32;
+        if values.iter().all(|v| coordinate(v) == coordinate(&values[0])) {
+            // All on one plane, as on a wall: by emission index alone.
+            for (label, (value, key)) in values.iter_mut().zip(keys).enumerate() {
+                *value = u64::from(key.id) << 32 | label as u64;
+            }
+        }
+        values.sort_unstable();
+        if values.windows(2).any(|v| coordinate(&v[0]) == coordinate(&v[1])) {
+            values.sort_unstable_by_key(|v| keys[*v as u32 as usize].order::<AXIS>());
+        }
+        for (rank, value) in values.iter().enumerate() {
+            let label = *value as usize % SMALL;
+            self.sorted[AXIS][rank] = keys[label].p[AXIS];
+            self.label[AXIS][rank] = label as u8;
+            self.rank[AXIS][label] = rank as u8;
+        }
+    }
+
+    /// Balances the photons whose ranks along the axes are the bits of `sets`, at least one, from the place `first` on.
+    fn node(&mut self, sets: [u64; 3], first: usize) {
+        let n = sets[0].count_ones() as usize;
+        if n == 1 {
+            self.order[first] = self.label[0][sets[0].trailing_zeros() as usize % SMALL];
+            return;
+        }
+        // The axis of the widest extent.
+        let axis = widest(std::array::from_fn(|a| {
+            let (lo, hi) = (sets[a].trailing_zeros(), 63 - sets[a].leading_zeros());
+            self.sorted[a][hi as usize % SMALL] - self.sorted[a][lo as usize % SMALL]
+        }));
+        let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+
+        // Collect the lower half in the orders of all axes.
+        let middle = heap::left_size(n);
+        let mut rest = sets[axis];
+        let mut left = [0; 3];
+        for _ in 0..middle {
+            let label = self.label[axis][rest.trailing_zeros() as usize % SMALL] as usize % SMALL;
+            left[b] |= 1 << (self.rank[b][label] % 64);
+            left[c] |= 1 << (self.rank[c][label] % 64);
+            rest &= rest - 1;
+        }
+        left[axis] = sets[axis] ^ rest;
+
+        // Place the median, and balance what is left on both sides of it.
+        let label = self.label[axis][rest.trailing_zeros() as usize % SMALL];
+        self.order[first + middle] = label;
+        self.axes[first + middle] = axis as u8;
+        let right = std::array::from_fn(|a| sets[a] & !left[a] & !(1 << (self.rank[a][label as usize % SMALL] % 64)));
+        self.node(left, first);
+        if n > 2 {
+            self.node(right, first + middle + 1);
+        }
+    }
 }

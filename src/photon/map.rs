@@ -70,6 +70,7 @@ impl PhotonMap {
         photons.retain(|p| storable(Vec3::from_array(p.position)));
         let rejected = (given - photons.len()) as u64;
         let (keys, axes) = build::balance(&photons);
+        let keys = keys.as_slice();
         let n = photons.len();
         let mut map = Self::lay_out(n, |slot| {
             let rank = heap::rank(slot, n);
