@@ -33,7 +33,7 @@ impl Layout {
         }
         let last = n + 1 - (1 << height);
         let half = BLOCK / 2;
-        Self { n, buckets: 1 << (height + 1 - BUCKET_LEVELS), full: last / half, cut: last % half != 0 }
+        Self { n, buckets: 1 << (height + 1 - BUCKET_LEVELS), full: last / half, cut: !last.is_multiple_of(half) }
     }
 
     /// First place of a block.
