@@ -174,7 +174,7 @@ struct Binning {
 
 impl Binning {
     fn new(c: &Box4, refs: usize) -> Self {
-        let bins = (8 + refs / 16).min(BINS);
+        let bins = (6 + refs / 16).min(BINS);
         let extent = c.hi - c.lo;
         // A flat axis gets scale 0 and all its centroids fall into bin 0.
         let scale = |e: f32| if e > 0.0 && (bins as f32 / e).is_finite() { bins as f32 * 0.9999 / e } else { 0.0 };
@@ -275,7 +275,7 @@ pub(super) fn build(refs: &mut [PrimRef], cost: &Cost) -> Pages<Node2> {
     }
     let mut nodes = Pages::<Node2>::zeroed(2 * refs.len() - 1);
     let info = RangeInfo::of(refs);
-    let mut scratch = Pages::<PrimRef>::zeroed(if refs.len() > PARALLEL_SWEEP { refs.len() } else { 0 });
+    let mut scratch = Pages::<PrimRef>::zeroed(refs.len());
     let mut bins = Bins::EMPTY;
     split(refs, &mut scratch, &mut nodes, 0, info, 0, cost, &mut bins);
     nodes
@@ -323,7 +323,7 @@ fn split(
     nodes[0] = Node2::new(&info.bounds, 2 * mid as u32, 0);
     let (rl, rr) = refs.split_at_mut(mid);
     let (nl, nr) = nodes[1..].split_at_mut(2 * mid - 1);
-    let (sl, sr) = if scratch.is_empty() { (&mut [][..], &mut [][..]) } else { scratch.split_at_mut(mid) };
+    let (sl, sr) = scratch.split_at_mut(mid);
     if n > PARALLEL_SPLIT {
         rayon::join(
             || split(rl, sl, nl, first, left, depth + 1, cost, bins),
@@ -347,23 +347,18 @@ fn partition(
     if refs.len() > PARALLEL_SWEEP {
         return partition_parallel(refs, scratch, is_left);
     }
-    let (mut i, mut j) = (0, refs.len());
-    let (mut left, mut right) = (RangeInfo::EMPTY, RangeInfo::EMPTY);
-    // Swap from both ends.
-    loop {
-        while i < j && is_left(&refs[i]) {
-            left.add(&refs[i]);
-            i += 1;
-        }
-        while i < j && !is_left(&refs[j - 1]) {
-            right.add(&refs[j - 1]);
-            j -= 1;
-        }
-        if i == j {
-            return (i, left, right);
-        }
-        refs.swap(i, j - 1);
+    // Write every reference to both places and keep one of them: the branch could not be predicted.
+    let (mut i, mut j) = (0, 0);
+    for k in 0..refs.len() {
+        let r = refs[k];
+        let left = usize::from(is_left(&r));
+        refs[i] = r;
+        scratch[j] = r;
+        i += left;
+        j += 1 - left;
     }
+    refs[i..].copy_from_slice(&scratch[..j]);
+    (i, RangeInfo::of(&refs[..i]), RangeInfo::of(&refs[i..]))
 }
 
 /// The same for long ranges: count per chunk, then copy each chunk to its two places.

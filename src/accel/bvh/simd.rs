@@ -47,8 +47,6 @@ impl Isa {
             Self::Avx512 => {
                 Self::Avx2.is_available() && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")
             }
-            #[cfg(target_arch = "aarch64")]
-            Self::Neon => std::arch::is_aarch64_feature_detected!("neon"),
             #[allow(unreachable_patterns)]
             _ => false,
         }
@@ -65,9 +63,6 @@ pub(super) fn walk<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u
         // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
         Isa::Avx2 => unsafe { x86::walk_avx2::<ANY>(bvh, tree, ray, placed, best) },
-        // SAFETY: as above.
-        #[cfg(target_arch = "aarch64")]
-        Isa::Neon => unsafe { neon::walk_neon::<ANY>(bvh, tree, ray, placed, best) },
         _ => walk_portable::<ANY>(bvh, tree, ray, placed, best),
     }
 }
@@ -148,14 +143,15 @@ mod x86 {
 
         #[inline(always)]
         fn prefetch(nodes: &[Node8], blocks: &[Block], child: Child) {
-            let (address, lines) = if child.is_node() {
-                (nodes.as_ptr().wrapping_add(child.0 as usize).cast::<i8>(), 4)
-            } else {
-                (blocks.as_ptr().wrapping_add(child.first_block()).cast::<i8>(), 3)
-            };
-            for line in 0..lines {
-                // SAFETY: a prefetch has no effect but on the cache, for any address.
-                unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line)) };
+            let node = nodes.as_ptr().wrapping_add(child.0 as usize).cast::<i8>();
+            let block = blocks.as_ptr().wrapping_add(child.first_block()).cast::<i8>();
+            let address = if child.is_node() { node } else { block };
+            // SAFETY: a prefetch has no effect but on the cache, for any address.
+            unsafe {
+                _mm_prefetch::<_MM_HINT_T0>(address);
+                _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64));
+                _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(128));
+                _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(192));
             }
         }
 

@@ -192,7 +192,7 @@ pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray
             }
             size -= 1;
             let e = simd::read(&stack, size);
-            if e <= bound {
+            if ANY || e <= bound {
                 current = Child(e as u32);
                 break;
             }

@@ -159,8 +159,8 @@ pub(super) struct Tree {
 #[derive(Clone, Copy, Default)]
 struct Size {
     /// Wide nodes below the root of the subtree.
-    nodes: usize,
-    blocks: usize,
+    nodes: u32,
+    blocks: u32,
 }
 
 /// The binary subtrees that become the children of one wide node, in memory order.
@@ -189,11 +189,11 @@ fn measure(nodes2: &[Node2], refs: &[PrimRef], sizes: &mut [Size]) -> Size {
     let mut total = Size::default();
     if nodes2[0].count() > 0 {
         let triangles = refs[nodes2[0].offset()].kind() == KIND_TRIANGLE;
-        total.blocks = if triangles { nodes2[0].count().div_ceil(LANES) } else { 0 };
+        total.blocks = if triangles { nodes2[0].count().div_ceil(LANES) as u32 } else { 0 };
     } else {
         let children = open(nodes2);
         let job = |(nodes2, sizes): (&[Node2], &mut [Size])| {
-            let inner = usize::from(nodes2[0].count() == 0);
+            let inner = u32::from(nodes2[0].count() == 0);
             let s = measure(nodes2, refs, sizes);
             Size { nodes: s.nodes + inner, blocks: s.blocks }
         };
@@ -250,12 +250,12 @@ pub(super) fn collapse(nodes2: &[Node2], refs: &[PrimRef], parts: Parts) -> Opti
     };
     let mut sizes = vec![Size::default(); nodes2.len()];
     let size = measure(nodes2, refs, &mut sizes);
-    if size.blocks > BLOCK_LIMIT || parts.len() > ID_LIMIT {
+    if size.blocks as usize > BLOCK_LIMIT || parts.len() > ID_LIMIT {
         return None;
     }
     let inner = usize::from(top.count() == 0);
-    let mut nodes = Pages::<Node8>::zeroed(size.nodes + inner);
-    let mut blocks = Pages::<Block>::zeroed(size.blocks);
+    let mut nodes = Pages::<Node8>::zeroed(size.nodes as usize + inner);
+    let mut blocks = Pages::<Block>::zeroed(size.blocks as usize);
     let bounds = top.bounds();
     let (node, below) = nodes.split_at_mut(inner);
     let job = Job {
@@ -287,6 +287,17 @@ fn leaf(n: &Node2, refs: &[PrimRef], parts: &Parts, blocks: &mut [Block], first:
     Child::triangles(first, refs.len().div_ceil(LANES))
 }
 
+/// The slot of each child: any-hit queries enter the first slot that is hit, so the largest box comes first.
+fn slots_by_area(nodes2: &[Node2], children: &[usize]) -> [usize; WIDTH] {
+    let mut order: arrayvec::ArrayVec<usize, WIDTH> = (0..children.len()).collect();
+    order.sort_by(|&a, &b| nodes2[children[b]].half_area().total_cmp(&nodes2[children[a]].half_area()));
+    let mut slots = [0; WIDTH];
+    for (slot, &i) in order.iter().enumerate() {
+        slots[i] = slot;
+    }
+    slots
+}
+
 fn fill(job: Job, refs: &[PrimRef], parts: &Parts) {
     let Some(node) = job.node else { return };
     *node = Node8::EMPTY;
@@ -297,16 +308,19 @@ fn fill(job: Job, refs: &[PrimRef], parts: &Parts) {
     let (mut side_first, mut below_first) = (job.below_first, job.below_first + n_inner);
     let (mut blocks, mut blocks_first) = (job.blocks, job.blocks_first);
     let mut jobs = Vec::with_capacity(n_inner);
-    for (slot, &c) in children.iter().enumerate() {
-        let end = children.get(slot + 1).copied().unwrap_or(job.nodes2.len());
+    let slots = slots_by_area(job.nodes2, &children);
+    for (i, &c) in children.iter().enumerate() {
+        let slot = slots[i];
+        let end = children.get(i + 1).copied().unwrap_or(job.nodes2.len());
         let (n, size) = (&job.nodes2[c], job.sizes[c]);
-        let (my_blocks, rest) = blocks.split_at_mut(size.blocks);
+        let (size_nodes, size_blocks) = (size.nodes as usize, size.blocks as usize);
+        let (my_blocks, rest) = blocks.split_at_mut(size_blocks);
         if n.count() > 0 {
             node.set(slot, &n.bounds(), leaf(n, refs, parts, my_blocks, blocks_first));
         } else {
             node.set(slot, &n.bounds(), Child::node(side_first));
             let (child, rest_side) = side.split_at_mut(1);
-            let (my_below, rest_below) = below.split_at_mut(size.nodes);
+            let (my_below, rest_below) = below.split_at_mut(size_nodes);
             jobs.push(Job {
                 nodes2: &job.nodes2[c..end],
                 sizes: &job.sizes[c..end],
@@ -318,10 +332,10 @@ fn fill(job: Job, refs: &[PrimRef], parts: &Parts) {
             });
             (side, below) = (rest_side, rest_below);
             side_first += 1;
-            below_first += size.nodes;
+            below_first += size_nodes;
         }
         blocks = rest;
-        blocks_first += size.blocks;
+        blocks_first += size_blocks;
     }
     if job.nodes2.len() > PARALLEL_FILL {
         jobs.into_par_iter().for_each(|j| fill(j, refs, parts));
