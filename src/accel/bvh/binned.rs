@@ -15,6 +15,8 @@ const BINS: usize = 32;
 const MAX_SAH_DEPTH: u32 = 96;
 /// Ranges longer than this are split by two tasks.
 const PARALLEL_SPLIT: usize = 4096;
+/// Ranges longer than this take the box of their centroids from their own box, which saves a pass.
+const LOOSE: usize = 256;
 /// Ranges longer than this are binned and partitioned in parallel.
 const PARALLEL_SWEEP: usize = 1 << 17;
 
@@ -113,10 +115,12 @@ impl Box4 {
 struct RangeInfo {
     bounds: Box4,
     centroids: Box4,
+    /// False when `centroids` may be larger than it has to be.
+    exact: bool,
 }
 
 impl RangeInfo {
-    const EMPTY: Self = Self { bounds: Box4::EMPTY, centroids: Box4::EMPTY };
+    const EMPTY: Self = Self { bounds: Box4::EMPTY, centroids: Box4::EMPTY, exact: true };
 
     #[inline(always)]
     fn add(&mut self, r: &PrimRef) {
@@ -129,6 +133,15 @@ impl RangeInfo {
         self.bounds.grow(o.bounds.lo, o.bounds.hi);
         self.centroids.grow(o.centroids.lo, o.centroids.hi);
         self
+    }
+
+    /// The range in a known box; long ranges are not read.
+    fn within(refs: &[PrimRef], bounds: Box4) -> Self {
+        if refs.len() <= LOOSE {
+            return Self::of(refs);
+        }
+        let centroids = Box4 { lo: bounds.lo + bounds.lo, hi: bounds.hi + bounds.hi };
+        Self { bounds, centroids, exact: false }
     }
 
     fn of(refs: &[PrimRef]) -> Self {
@@ -238,6 +251,17 @@ impl Bins {
         self
     }
 
+    /// The boxes on both sides of a plane.
+    fn sides(&self, axis: usize, bin: usize) -> [Box4; 2] {
+        let union = |boxes: &[Box4]| {
+            let mut b = Box4::EMPTY;
+            boxes.iter().for_each(|x| b.grow(x.lo, x.hi));
+            b
+        };
+        let (left, right) = self.boxes[axis][..self.used].split_at(bin);
+        [union(left), union(right)]
+    }
+
     /// The cheapest plane: `(cost × area, axis, first bin on the right)`.
     fn best(&self, cost: &Cost) -> Option<(f32, usize, usize)> {
         let mut best: Option<(f32, usize, usize)> = None;
@@ -302,9 +326,15 @@ fn split(
         return;
     }
     // Find the cheapest plane and compare it with a leaf.
-    let map = Binning::new(&info.centroids, n);
+    let mut map = Binning::new(&info.centroids, n);
     bins.fill(refs, &map);
-    let plane = if depth < MAX_SAH_DEPTH { bins.best(cost) } else { None };
+    let mut plane = if depth < MAX_SAH_DEPTH { bins.best(cost) } else { None };
+    if plane.is_none() && !info.exact && depth < MAX_SAH_DEPTH {
+        // All centroids may have fallen into one bin.
+        map = Binning::new(&RangeInfo::of(refs).centroids, n);
+        bins.fill(refs, &map);
+        plane = bins.best(cost);
+    }
     let split_cost = plane.map_or(f32::INFINITY, |p| p.0) + cost.step * area;
     if fits && cost.leaf(n) * area <= split_cost {
         nodes[0] = Node2::new(&info.bounds, first as u32, n as u32);
@@ -312,7 +342,11 @@ fn split(
     }
     // Part the range: by the plane, by kind where no leaf may be made, or in the middle.
     let (mid, left, right) = match plane {
-        Some((_, axis, bin)) => partition(refs, scratch, |r| map.bins(r)[axis] < bin),
+        Some((_, axis, bin)) => {
+            let [left, right] = bins.sides(axis, bin);
+            let mid = partition(refs, scratch, |r| map.bins(r)[axis] < bin);
+            (mid, RangeInfo::within(&refs[..mid], left), RangeInfo::within(&refs[mid..], right))
+        }
         None => {
             refs.sort_unstable_by_key(|r| (r.kind(), r.id()));
             let change = refs.iter().position(|r| r.kind() != refs[0].kind());
@@ -339,11 +373,7 @@ fn split(
 }
 
 /// Moves the references for which `is_left` holds to the front.
-fn partition(
-    refs: &mut [PrimRef],
-    scratch: &mut [PrimRef],
-    is_left: impl Fn(&PrimRef) -> bool + Sync,
-) -> (usize, RangeInfo, RangeInfo) {
+fn partition(refs: &mut [PrimRef], scratch: &mut [PrimRef], is_left: impl Fn(&PrimRef) -> bool + Sync) -> usize {
     if refs.len() > PARALLEL_SWEEP {
         return partition_parallel(refs, scratch, is_left);
     }
@@ -358,7 +388,7 @@ fn partition(
         j += 1 - left;
     }
     refs[i..].copy_from_slice(&scratch[..j]);
-    (i, RangeInfo::of(&refs[..i]), RangeInfo::of(&refs[i..]))
+    i
 }
 
 /// The same for long ranges: count per chunk, then copy each chunk to its two places.
@@ -366,7 +396,7 @@ fn partition_parallel(
     refs: &mut [PrimRef],
     scratch: &mut [PrimRef],
     is_left: impl Fn(&PrimRef) -> bool + Sync,
-) -> (usize, RangeInfo, RangeInfo) {
+) -> usize {
     const CHUNK: usize = PARALLEL_SWEEP / 4;
     let counts: Vec<usize> = refs.par_chunks(CHUNK).map(|c| c.iter().filter(|r| is_left(r)).count()).collect();
     let mid: usize = counts.iter().sum();
@@ -379,26 +409,19 @@ fn partition_parallel(
         (l, r) = (rest_l, rest_r);
         jobs.push((chunk, a, b));
     }
-    let (left, right) = jobs
-        .into_par_iter()
-        .map(|(chunk, a, b)| {
-            let (mut left, mut right) = (RangeInfo::EMPTY, RangeInfo::EMPTY);
-            let (mut i, mut j) = (0, 0);
-            for p in chunk {
-                if is_left(p) {
-                    left.add(p);
-                    a[i] = *p;
-                    i += 1;
-                } else {
-                    right.add(p);
-                    b[j] = *p;
-                    j += 1;
-                }
+    jobs.into_par_iter().for_each(|(chunk, a, b)| {
+        let (mut i, mut j) = (0, 0);
+        for p in chunk {
+            if is_left(p) {
+                a[i] = *p;
+                i += 1;
+            } else {
+                b[j] = *p;
+                j += 1;
             }
-            (left, right)
-        })
-        .reduce(|| (RangeInfo::EMPTY, RangeInfo::EMPTY), |x, y| (x.0.merge(y.0), x.1.merge(y.1)));
+        }
+    });
     let copy = refs.par_chunks_mut(CHUNK).zip(scratch.par_chunks(CHUNK));
     copy.for_each(|(to, from)| to.copy_from_slice(&from[..to.len()]));
-    (mid, left, right)
+    mid
 }
