@@ -163,8 +163,9 @@ pub const RETEST: f32 = 8.0 * f32::EPSILON;
 #[inline]
 pub fn triangle_point_error(tri: [Vec3; 3], b: [f32; 3], p: Vec3) -> Vec3 {
     let sum = (b[0] * tri[0]).abs() + (b[1] * tri[1]).abs() + (b[2] * tri[2]).abs();
-    let reach_sq = tri.iter().map(|c| c.distance_squared(p)).fold(0.0, f32::max);
-    gamma(7) * sum + RETEST * reach_sq.sqrt()
+    // At least the largest distance to a corner, at most three times as much.
+    let reach = tri.iter().fold(Vec3::ZERO, |r, c| r.max((*c - p).abs())).element_sum();
+    gamma(7) * sum + RETEST * reach
 }
 
 impl TriangleMesh {
@@ -225,7 +226,7 @@ impl TriangleMesh {
             uv,
             dpdu,
             dpdv,
-            wo: -ray.d.normalize_or(-ng),
+            wo: unit_or(-ray.d, ng),
             t,
             shape: 0,
             prim,
@@ -233,6 +234,12 @@ impl TriangleMesh {
             barycentric: Vec2::new(u, v),
         }
     }
+}
+
+/// `d` with length 1, left as it is when it has it; `other` for a zero vector.
+#[inline]
+fn unit_or(d: Vec3, other: Vec3) -> Vec3 {
+    if (d.length_squared() - 1.0).abs() < 4.0 * f32::EPSILON { d } else { d.normalize_or(other) }
 }
 
 /// ∂p/∂u and ∂p/∂v of an affine parametrisation; `None` when it is degenerate.

@@ -127,8 +127,10 @@ pub(super) struct Parallelogram {
     origin: Vec3,
     e1: Vec3,
     e2: Vec3,
-    n: Vec3,
-    err: Vec3,
+    /// On the emitting side.
+    pub n: Vec3,
+    /// Bound on the absolute rounding error of each coordinate of a sampled point.
+    pub err: Vec3,
     /// Which corner of triangle 0 and of triangle 1 lies off the shared diagonal (`origin` and the corner opposite).
     corner: [usize; 2],
     /// Which corner of triangle 1 is `origin + e1`.
@@ -166,10 +168,16 @@ impl Parallelogram {
         Some(Self { origin, e1, e2, n, err, corner: [i, j], other })
     }
 
-    /// The point `origin + s·e1 + t·e2` with `u = (s, t)`.
+    /// The position `origin + s·e1 + t·e2` with `u = (s, t)`.
+    #[inline]
+    pub fn position(&self, u: Vec2) -> Vec3 {
+        self.origin + u.x * self.e1 + u.y * self.e2
+    }
+
+    /// The point that belongs to `u`.
     #[inline]
     pub fn point(&self, u: Vec2) -> SurfacePoint {
-        let p = self.origin + u.x * self.e1 + u.y * self.e2;
+        let p = self.position(u);
         let mut point = SurfacePoint { p, p_err: self.err, n: self.n, prim: 0, param: Vec2::ZERO };
         // Weights of the corner off the diagonal, of origin + e1 and of origin + e2, in the triangle that is hit.
         let mut b = [0.0; 3];
