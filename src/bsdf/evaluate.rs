@@ -23,7 +23,7 @@ use crate::texture::{ColorParam, FloatParam, Textures};
 ///
 /// The result answers for that `wo`, and for swapped pairs that have it as `wi`. `materials` must have passed
 /// [`check`](super::check).
-#[inline]
+#[inline(always)]
 pub fn evaluate(
     materials: &[Material],
     textures: &Textures,
@@ -47,9 +47,21 @@ pub fn evaluate(
                 let reflectance = textures.color(*reflectance, si, geometry);
                 return Bsdf::Diffuse(DiffuseBsdf { ns: si.ns * flip, ng: si.ng * flip, reflectance });
             }
-            _ => break,
+            _ => return evaluate_lobes(materials, textures, (id, front, flip), si, geometry),
         }
     }
+}
+
+/// [`evaluate`] of a material that is not diffuse, from where its two-sided shells end: the nested material, whether the
+/// viewer is in front of it, and whether its normal is turned.
+#[inline(never)]
+fn evaluate_lobes(
+    materials: &[Material],
+    textures: &Textures,
+    (id, front, flip): (MaterialId, bool, f32),
+    si: &SurfaceInteraction,
+    geometry: &GeometrySet,
+) -> Bsdf {
     let mut frame = Frame::from_normal_tangent(si.ns, si.dpdu);
     frame.n *= flip;
     let mut point = Point { materials, textures, si, geometry, lobes: ArrayVec::new() };

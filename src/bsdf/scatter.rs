@@ -90,24 +90,38 @@ impl Bsdf {
 
     /// `f(wo, wi)·|cos(wi, ns)|` per steradian of the lobes in `mask`, never of delta or null ones. Zero where geometric
     /// and shading normal disagree about the side of a direction.
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, wo: Vec3, wi: Vec3, mode: Mode, mask: LobeMask) -> Rgb {
         match self {
-            Self::Black => Rgb::BLACK,
             Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.eval(wo, wi, mode),
-            Self::Diffuse(_) => Rgb::BLACK,
+            _ => self.eval_other(wo, wi, mode, mask),
+        }
+    }
+
+    /// [`Bsdf::eval`] of what is not Lambertian alone. Apart, so that the short case is inlined: taking its result
+    /// through memory costs more than computing it.
+    #[inline(never)]
+    fn eval_other(&self, wo: Vec3, wi: Vec3, mode: Mode, mask: LobeMask) -> Rgb {
+        match self {
+            Self::Black | Self::Diffuse(_) => Rgb::BLACK,
             Self::Single(s) => s.lobe.eval(&s.normals, wo, wi, mode, mask),
             Self::Layers(l) => l.lobes().iter().map(|lobe| lobe.eval(&l.normals, wo, wi, mode, mask)).sum(),
         }
     }
 
     /// Density per steradian with which [`sample`](Self::sample) picks `wi` from `mask`.
-    #[inline]
+    #[inline(always)]
     pub fn pdf(&self, wo: Vec3, wi: Vec3, _mode: Mode, mask: LobeMask) -> f32 {
         match self {
-            Self::Black => 0.0,
             Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.pdf(wo, wi),
-            Self::Diffuse(_) => 0.0,
+            _ => self.pdf_other(wo, wi, mask),
+        }
+    }
+
+    #[inline(never)]
+    fn pdf_other(&self, wo: Vec3, wi: Vec3, mask: LobeMask) -> f32 {
+        match self {
+            Self::Black | Self::Diffuse(_) => 0.0,
             Self::Single(s) if mask.intersects(s.lobe.class) => s.lobe.pdf(&s.normals, wo, wi),
             Self::Single(_) => 0.0,
             Self::Layers(l) => l.pdf(wo, wi, mask),
@@ -116,12 +130,18 @@ impl Bsdf {
 
     /// Picks a direction from the lobes of `mask`; `None` when there is nothing to pick or the direction leaks through
     /// the geometry.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode, mask: LobeMask) -> Option<BsdfSample> {
         match self {
-            Self::Black => None,
             Self::Diffuse(d) if mask.intersects(LobeMask::DIFFUSE) => d.sample(wo, u, mode),
-            Self::Diffuse(_) => None,
+            _ => self.sample_other(wo, u_lobe, u, mode, mask),
+        }
+    }
+
+    #[inline(never)]
+    fn sample_other(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode, mask: LobeMask) -> Option<BsdfSample> {
+        match self {
+            Self::Black | Self::Diffuse(_) => None,
             Self::Single(s) if mask.intersects(s.lobe.class) => s.lobe.sample(&s.normals, wo, u_lobe, u, mode),
             Self::Single(_) => None,
             Self::Layers(l) => l.sample(wo, u_lobe, u, mode, mask),

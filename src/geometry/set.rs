@@ -102,8 +102,20 @@ impl GeometrySet {
     }
 
     /// What is known about the point that `ray` hit.
-    #[inline]
+    ///
+    /// Always inlined for meshes: a caller that took the result through memory would wait for the stores of its parts.
+    #[inline(always)]
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
+        if let (Shape::Mesh(mesh), NO_INSTANCE) = (&self.shapes[hit.shape as usize], hit.instance) {
+            let si = mesh.interaction(ray, hit.t, hit.prim, hit.u, hit.v);
+            return SurfaceInteraction { shape: hit.shape, ..si };
+        }
+        self.other_interaction(ray, hit)
+    }
+
+    /// [`GeometrySet::interaction`] on analytic shapes and instances.
+    #[inline(never)]
+    fn other_interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
         let instance = (hit.instance != NO_INSTANCE).then(|| &self.instances[hit.instance as usize]);
         let local_ray = instance.map_or(*ray, |i| i.local_ray(ray));
         // Find the point in the space of the shape.

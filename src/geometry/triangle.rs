@@ -182,7 +182,7 @@ impl TriangleMesh {
     }
 
     /// What is known about the point with barycentric weights `(u, v)` of triangle `prim`.
-    #[inline]
+    #[inline(always)]
     pub(super) fn interaction(&self, ray: &Ray, t: f32, prim: u32, u: f32, v: f32) -> SurfaceInteraction {
         let index = self.indices[prim as usize].map(|i| i as usize);
         let tri = self.triangle(prim);

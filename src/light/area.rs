@@ -126,7 +126,27 @@ impl AreaLight {
         }
     }
 
+    #[inline(always)]
     pub(super) fn sample_li(&self, ctx: &LightContext, p: Vec3, u: Vec2) -> Option<LightLi> {
+        // A plain rectangle, which most lights are, needs neither triangle nor texture coordinates.
+        if let (Surface::Parallelogram(q), ColorParam::Const(radiance), None) =
+            (&self.surface, self.radiance, &self.table)
+        {
+            let d = q.position(u) - p;
+            let dist_sq = d.length_squared();
+            let dist = dist_sq.sqrt();
+            let wi = d / dist;
+            let cos = -q.n.dot(wi);
+            let pdf_w = self.inv_area * dist_sq / cos;
+            let seen = cos > 0.0 && pdf_w > 0.0 && pdf_w.is_finite() && !radiance.is_black();
+            return seen.then_some(LightLi { wi, dist, radiance, pdf_w, delta: false, p: p + d, n: q.n, p_err: q.err });
+        }
+        self.sample_li_other(ctx, p, u)
+    }
+
+    /// [`AreaLight::sample_li`] of everything but plain rectangles.
+    #[inline(never)]
+    fn sample_li_other(&self, ctx: &LightContext, p: Vec3, u: Vec2) -> Option<LightLi> {
         if let (Some(cone), Surface::Ball(s)) = (self.cone(p), &self.surface) {
             let (wi, dist, outward) = cone.sample(s.radius, u);
             let point = s.point(outward);
@@ -142,19 +162,6 @@ impl AreaLight {
                 p_err: point.p_err,
             };
             return (!radiance.is_black()).then_some(li);
-        }
-        // A plain rectangle, which most lights are, needs neither triangle nor texture coordinates.
-        if let (Surface::Parallelogram(q), ColorParam::Const(radiance), None) =
-            (&self.surface, self.radiance, &self.table)
-        {
-            let d = q.position(u) - p;
-            let dist_sq = d.length_squared();
-            let dist = dist_sq.sqrt();
-            let wi = d / dist;
-            let cos = -q.n.dot(wi);
-            let pdf_w = self.inv_area * dist_sq / cos;
-            let seen = cos > 0.0 && pdf_w > 0.0 && pdf_w.is_finite() && !radiance.is_black();
-            return seen.then_some(LightLi { wi, dist, radiance, pdf_w, delta: false, p: p + d, n: q.n, p_err: q.err });
         }
         let (point, pdf_a) = self.sample_point(ctx, u)?;
         let d = point.p - p;

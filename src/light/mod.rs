@@ -106,7 +106,7 @@ pub enum Light {
 
 impl Light {
     /// Samples light arriving at `p`; radiance in W·m⁻²·sr⁻¹. `None` when nothing arrives from the sampled direction.
-    #[inline]
+    #[inline(always)]
     pub fn sample_li(&self, ctx: &LightContext, p: Vec3, u: Vec2) -> Option<LightLi> {
         match self {
             Light::Area(l) => l.sample_li(ctx, p, u),

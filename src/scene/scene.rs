@@ -88,7 +88,7 @@ impl Scene {
     }
 
     /// The nearest surface along `ray`.
-    #[inline]
+    #[inline(always)]
     pub fn intersect(&self, ray: &Ray) -> Option<SurfaceInteraction> {
         self.accel.intersect(ray).map(|hit| self.geometry.interaction(ray, &hit))
     }
@@ -113,7 +113,7 @@ impl Scene {
     }
 
     /// The material at a point, ready for use.
-    #[inline]
+    #[inline(always)]
     pub fn bsdf(&self, si: &SurfaceInteraction) -> Bsdf {
         let id = self.shape_materials[si.shape as usize];
         bsdf::evaluate(&self.materials, &self.textures, id, si, &self.geometry)
