@@ -48,14 +48,14 @@ pub struct DiffuseBsdf {
 
 impl DiffuseBsdf {
     /// Cosine of `wi` if both directions are above both normals, else 0.
-    #[inline]
+    #[inline(always)]
     fn cosine(&self, wo: Vec3, wi: Vec3) -> f32 {
         let above = self.ns.dot(wo) > 0.0 && self.ng.dot(wo) > 0.0 && self.ng.dot(wi) > 0.0;
         if above { self.ns.dot(wi).max(0.0) } else { 0.0 }
     }
 
     /// Veach's factor for walks that start at a light [Veach 1997, eq. 5.19], 1 otherwise.
-    #[inline]
+    #[inline(always)]
     fn adjoint(&self, wo: Vec3, wi: Vec3, cos_i: f32, mode: Mode) -> f32 {
         match mode {
             Mode::Radiance => 1.0,
@@ -63,18 +63,18 @@ impl DiffuseBsdf {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3, mode: Mode) -> Rgb {
         let cos = self.cosine(wo, wi);
         if cos > 0.0 { self.reflectance * (cos * INV_PI * self.adjoint(wo, wi, cos, mode)) } else { Rgb::BLACK }
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         self.cosine(wo, wi) * INV_PI
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn sample(&self, wo: Vec3, u: Vec2, mode: Mode) -> Option<BsdfSample> {
         let wi = Frame::from_normal(self.ns).to_world(warp::cosine_hemisphere(u));
         let cos = self.cosine(wo, wi);
@@ -89,12 +89,12 @@ impl DiffuseBsdf {
     }
 
     /// The albedo where shading and geometric normal are one.
-    #[inline]
+    #[inline(always)]
     pub(super) fn flat_albedo(&self) -> Option<Rgb> {
         (self.ns == self.ng).then_some(self.reflectance)
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn albedo(&self, wo: Vec3) -> Rgb {
         if self.ns.dot(wo) > 0.0 && self.ng.dot(wo) > 0.0 { self.reflectance } else { Rgb::BLACK }
     }
