@@ -32,20 +32,37 @@ pub struct Hit {
 impl Ray {
     #[inline(always)]
     pub(crate) fn to_raw(self) -> raw::RTCRay {
-        raw::RTCRay {
-            org_x: self.origin[0],
-            org_y: self.origin[1],
-            org_z: self.origin[2],
-            tnear: self.tnear,
-            dir_x: self.direction[0],
-            dir_y: self.direction[1],
-            dir_z: self.direction[2],
-            time: 0.0,
-            tfar: self.tfar,
+        let ([org_x, org_y, org_z], [dir_x, dir_y, dir_z]) = (self.origin, self.direction);
+        let (tnear, time, tfar) = (self.tnear, 0.0, self.tfar);
+        #[allow(unused_mut)]
+        let mut ray = raw::RTCRay {
+            org_x,
+            org_y,
+            org_z,
+            tnear,
+            dir_x,
+            dir_y,
+            dir_z,
+            time,
+            tfar,
             mask: u32::MAX,
             id: 0,
             flags: 0,
+        };
+        // Embree begins by loading origin and direction sixteen bytes at a time. A load that spans several younger
+        // stores waits until they have left the store buffer, so store them the way they will be loaded.
+        #[cfg(target_arch = "x86_64")]
+        {
+            use core::arch::x86_64::{_mm_setr_ps, _mm_store_ps};
+            // SAFETY: SSE is part of x86-64; RTCRay is aligned to 16 bytes and begins with org_x … tnear, dir_x … time,
+            // eight floats, which bindgen's layout tests check.
+            unsafe {
+                let floats = (&raw mut ray).cast::<f32>();
+                _mm_store_ps(floats, _mm_setr_ps(org_x, org_y, org_z, tnear));
+                _mm_store_ps(floats.add(4), _mm_setr_ps(dir_x, dir_y, dir_z, time));
+            }
         }
+        ray
     }
 
     /// A query with nothing hit yet.
