@@ -107,8 +107,7 @@ impl GeometrySet {
     #[inline(always)]
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
         if let (Shape::Mesh(mesh), NO_INSTANCE) = (&self.shapes[hit.shape as usize], hit.instance) {
-            let si = mesh.interaction(ray, hit.t, hit.prim, hit.u, hit.v);
-            return SurfaceInteraction { shape: hit.shape, ..si };
+            return mesh.interaction(ray, hit);
         }
         self.other_interaction(ray, hit)
     }
@@ -120,7 +119,7 @@ impl GeometrySet {
         let local_ray = instance.map_or(*ray, |i| i.local_ray(ray));
         // Find the point in the space of the shape.
         let mut si = match &self.shapes[hit.shape as usize] {
-            Shape::Mesh(m) => m.interaction(&local_ray, hit.t, hit.prim, hit.u, hit.v),
+            Shape::Mesh(m) => m.interaction(&local_ray, hit),
             Shape::Sphere(s) => s.interaction(&local_ray, hit.t),
             Shape::Disk(s) => s.interaction(&local_ray, hit.t),
             Shape::Cylinder(s) => s.interaction(&local_ray, hit.t),

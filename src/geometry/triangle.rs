@@ -1,6 +1,6 @@
 use glam::{Vec2, Vec3};
 
-use super::{Ray, SurfaceInteraction, TriangleMesh};
+use super::{Hit, Ray, SurfaceInteraction, TriangleMesh};
 use crate::math::{Frame, gamma};
 
 /// A ray in the sheared coordinates of the watertight triangle test: axis `k[2]` is where the direction is largest
@@ -181,9 +181,10 @@ impl TriangleMesh {
         (0..self.indices.len() as u32).map(|i| self.triangle_area(i)).sum()
     }
 
-    /// What is known about the point with barycentric weights `(u, v)` of triangle `prim`.
+    /// What is known about a hit on this mesh.
     #[inline(always)]
-    pub(super) fn interaction(&self, ray: &Ray, t: f32, prim: u32, u: f32, v: f32) -> SurfaceInteraction {
+    pub(super) fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
+        let Hit { t, u, v, prim, .. } = *hit;
         let index = self.indices[prim as usize].map(|i| i as usize);
         let tri = self.triangle(prim);
         let [p0, p1, p2] = tri;
@@ -228,9 +229,9 @@ impl TriangleMesh {
             dpdv,
             wo: unit_or(-ray.d, ng),
             t,
-            shape: 0,
+            shape: hit.shape,
             prim,
-            instance: super::NO_INSTANCE,
+            instance: hit.instance,
             barycentric: Vec2::new(u, v),
         }
     }

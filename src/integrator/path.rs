@@ -47,7 +47,7 @@ impl Integrator for Path {
         while depth < max_depth {
             // Find the next surface; what leaves the scene sees the environment.
             counters.camera_rays += 1;
-            let Some(si) = scene.intersect(&ray) else {
+            let Some(hit) = scene.hit(&ray) else {
                 if !hide {
                     let weight = if previous.delta {
                         1.0
@@ -58,6 +58,7 @@ impl Integrator for Path {
                 }
                 break;
             };
+            let si = scene.interaction(&ray, &hit);
             // Add emitted light, shared with next-event estimation at the previous vertex.
             if scene.is_emitter(&si) {
                 if hide {

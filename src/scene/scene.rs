@@ -10,7 +10,7 @@ use crate::accel::{Accel, AccelKind};
 use crate::bsdf::{self, Bsdf, LobeMask, Material, MaterialId};
 use crate::camera::Camera;
 use crate::color::Rgb;
-use crate::geometry::{GeometrySet, Ray, SurfaceInteraction};
+use crate::geometry::{GeometrySet, Hit, Ray, SurfaceInteraction};
 use crate::light::{Light, LightContext, LightLi, LightSelector};
 use crate::math::{Bounds3, offset_ray_origin};
 use crate::texture::Textures;
@@ -91,6 +91,19 @@ impl Scene {
     #[inline(always)]
     pub fn intersect(&self, ray: &Ray) -> Option<SurfaceInteraction> {
         self.accel.intersect(ray).map(|hit| self.geometry.interaction(ray, &hit))
+    }
+
+    /// The nearest hit along `ray`. Loops that are hot ask for its [`interaction`](Self::interaction) themselves: without
+    /// an `Option` around it, it is written once.
+    #[inline(always)]
+    pub fn hit(&self, ray: &Ray) -> Option<Hit> {
+        self.accel.intersect(ray)
+    }
+
+    /// What is known about a hit of `ray`.
+    #[inline(always)]
+    pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
+        self.geometry.interaction(ray, hit)
     }
 
     /// True when the light sample `li` reaches the surface point `si`.
