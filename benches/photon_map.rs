@@ -178,7 +178,8 @@ impl Bench {
 
     /// Median nanoseconds a query of every method, asked in alternating slices.
     fn compare(&self, name: &str, queries: &[Vec3], k: usize) {
-        let methods: [(&str, &dyn Fn(&[Vec3], usize) -> f64); 3] = [
+        type Query<'a> = &'a dyn Fn(&[Vec3], usize) -> f64;
+        let methods: [(&str, Query); 3] = [
             ("caustica", &|q, k| self.ours(q, k)),
             ("textbook", &|q, k| self.textbook(q, k)),
             ("kiddo", &|q, k| self.kiddo(q, k)),

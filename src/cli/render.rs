@@ -100,7 +100,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             accel: scene.accel.description(),
             width: scene.film.width,
             height: scene.film.height,
-            triangles: scene.stats.triangles as u64,
+            triangles: scene.stats.triangles,
             seconds,
             rays_per_second: summary.counters.rays() as f64 / (seconds - loaded).max(1e-9),
             accel_memory: scene.accel.memory(),

@@ -137,7 +137,7 @@ fn octahedron(n: usize) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     for r in 0..=2 * n {
         let m = r.min(2 * n - r);
         for i in 0..ring_len(r) {
-            let (q, i) = if m == 0 { (0, 0) } else { (i / m, i % m) };
+            let (q, i) = (i.checked_div(m).unwrap_or(0), i.checked_rem(m).unwrap_or(0));
             let p = axis[q] * (m - i) as f64 + axis[(q + 1) % 4] * i as f64 + DVec3::Z * (n as f64 - r as f64);
             // The sine spreads the vertices more evenly than plain normalising.
             let even = (p / n as f64).to_array().map(|c| (c * PI / 2.0).sin());

@@ -119,7 +119,7 @@ impl Deposit {
                 return;
             };
             let before = flux;
-            flux = flux * s.weight;
+            flux *= s.weight;
             if !flux.is_finite() {
                 self.rejected += 1;
                 EnergyBalance::add(&mut self.balance.absorbed, before);
