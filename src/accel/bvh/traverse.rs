@@ -156,7 +156,6 @@ pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray
                 K::prefetch(nodes, blocks, node.child[i]);
                 let mut at = size;
                 while at > base {
-                    // SAFETY-free read: entries below `size` are written.
                     let below = simd::read(&stack, at - 1);
                     if below >= e {
                         break;
