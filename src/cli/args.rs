@@ -23,6 +23,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Say what a scene file holds and what would render it.
     Info(InfoArgs),
+    /// Make a mesh of any size, to render or to measure with.
+    Scene(GenerateArgs),
 }
 
 /// The ray-query back end.
@@ -126,6 +128,43 @@ pub struct InfoArgs {
     pub json: bool,
 }
 
+/// The meshes that can be made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum GeneratedMesh {
+    /// Mountains over the square from -1 to 1 in x and y, heights along z.
+    Terrain,
+    /// A unit sphere with bumps.
+    DisplacedSphere,
+    /// Spheres on spheres, nine on each.
+    Sphereflake,
+}
+
+#[derive(Debug, Args)]
+pub struct GenerateArgs {
+    #[arg(value_enum)]
+    pub mesh: GeneratedMesh,
+    /// Triangles wanted at least, for example 2M or 500k.
+    #[arg(long, value_name = "N", value_parser = count, default_value = "1M")]
+    pub triangles: u64,
+    /// Seed of the shape.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// PLY file to write.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+/// `2000000`, `500k`, `2M`, `1.5M`; at most 400 million, which fit 32-bit indices.
+fn count(s: &str) -> Result<u64, String> {
+    let expected = || format!("found {s:?}, expected a number from 1 to 400M, for example 2000000, 500k or 2M");
+    let (number, unit) = match s.strip_suffix(['k', 'K', 'm', 'M']) {
+        Some(n) => (n, if s.ends_with(['k', 'K']) { 1e3 } else { 1e6 }),
+        None => (s, 1.0),
+    };
+    let n = number.parse::<f64>().map_err(|_| expected())? * unit;
+    if (1.0..=4e8).contains(&n) { Ok(n.round() as u64) } else { Err(expected()) }
+}
+
 fn key_value(s: &str) -> Result<(String, String), String> {
     match s.split_once('=') {
         Some((k, v)) if !k.is_empty() => Ok((k.to_owned(), v.to_owned())),
@@ -157,6 +196,14 @@ mod tests {
     fn the_command_line_is_consistent() {
         use clap::CommandFactory;
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn counts() {
+        assert_eq!(count("2M"), Ok(2_000_000));
+        assert_eq!(count("1.5k"), Ok(1500));
+        assert_eq!(count("17"), Ok(17));
+        assert!(count("0").is_err() && count("1G").is_err() && count("-3").is_err() && count("NaN").is_err());
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod args;
 mod compare;
+mod generate;
 mod info;
 mod progress;
 mod render;
@@ -61,6 +62,7 @@ pub fn main() -> ExitCode {
         args::Command::Render(a) => render::run(&a),
         args::Command::Compare(a) => compare::run(&a),
         args::Command::Info(a) => info::run(&a),
+        args::Command::Scene(a) => generate::run(&a),
     };
     match result {
         Ok(code) => ExitCode::from(code),
