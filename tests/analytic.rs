@@ -59,16 +59,21 @@ fn closed_sphere_has_radiance_one() {
 #[test]
 fn furnace_sums_its_depths() {
     for rho in [0.5, 0.9, 0.99] {
-        for max_depth in [1, 2, 3, 4, 8, -1] {
+        for max_depth in [1, 2, 4, -1] {
             let s = scene(&sphere(rho, max_depth, &emission(1.0), ""), backends()[0]);
             let truth = match max_depth {
                 -1 => 1.0 / (1.0 - rho),
                 n => (0..n).map(|k| rho.powi(k)).sum(),
             };
             let what = format!("albedo {rho}, max_depth {max_depth}");
-            let path = Estimate::over_seeds(&s, "path", 64, 8);
+            // The number of bounces is geometric: its relative deviation is almost 1 for each sample.
+            let path = Estimate::over_seeds(&s, "path", if rho > 0.95 { 128 } else { 64 }, 8);
             path.assert_is(truth, 4.0, 0.005, &format!("path, {what}"));
-            let photons = Estimate::over_seeds(&s, "photonmapper", 16, 4);
+            // So is that of the photons of one path: three million photons are 30 000 paths at an albedo of 0.99.
+            let photons = Estimate::of((1..=4).map(|seed| {
+                let count = if rho > 0.95 && max_depth < 0 { 3_000_000 } else { 250_000 };
+                common::mean(&common::photon_image(&s, 4, count, seed))
+            }));
             photons.assert_is(truth, f64::MAX, 0.01, &format!("photonmapper, {what}"));
         }
     }

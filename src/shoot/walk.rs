@@ -40,8 +40,11 @@ pub struct WalkSettings {
     pub sequence: Sequence,
 }
 
-/// After this many edges roulette ends at least one path in 256 per edge, so that light trapped without loss ends too.
-const CERTAIN_ROULETTE_DEPTH: u32 = 128;
+/// Edges after which roulette ends some paths whatever they carry, so that light trapped without loss ends too.
+pub const MANY_EDGES: u32 = 4096;
+
+/// Largest probability of survival beyond [`MANY_EDGES`].
+pub const CERTAIN_SURVIVAL: f32 = 1.0 - 1.0 / 65536.0;
 
 /// The photons and tallies of one batch of paths.
 #[derive(Debug)]
@@ -134,8 +137,8 @@ impl Deposit {
             }
             // Russian roulette on the largest channel keeps the powers of stored photons alike [Jensen 2001, §5.2].
             let mut survive = if depth >= self.walk.rr_depth { flux.max_channel() / before.max_channel() } else { 1.0 };
-            if depth >= CERTAIN_ROULETTE_DEPTH {
-                survive = survive.min(1.0 - 1.0 / 256.0);
+            if depth >= MANY_EDGES {
+                survive = survive.min(CERTAIN_SURVIVAL);
             }
             if survive < 1.0 {
                 let unlucky = sampler.next_1d() >= survive;

@@ -44,6 +44,23 @@ pub fn image(scene: &Scene, integrator: &str, spp: u64, seed: u64) -> Image {
     run(scene, o).image
 }
 
+/// Renders by photon mapping with a number of photons.
+pub fn photon_image(scene: &Scene, spp: u64, photons: u64, seed: u64) -> Image {
+    let o = PlanOverrides {
+        integrator: Some("photonmapper".into()),
+        spp: Some(spp),
+        photons: Some(photons),
+        seed: Some(seed),
+        ..PlanOverrides::default()
+    };
+    run(scene, o).image
+}
+
+/// Mean of all channels of all pixels.
+pub fn mean(image: &Image) -> f64 {
+    caustica::image::metrics::mean(image).expect("a picture")
+}
+
 /// Mean and standard error of the mean of independent numbers.
 #[derive(Clone, Copy, Debug)]
 pub struct Estimate {
@@ -62,11 +79,7 @@ impl Estimate {
 
     /// The mean of the image under `seeds` independent seeds, as an estimate of the expected mean.
     pub fn over_seeds(scene: &Scene, integrator: &str, spp: u64, seeds: u64) -> Self {
-        Self::of((1..=seeds).map(|seed| {
-            let image = image(scene, integrator, spp, seed);
-            let [r, g, b] = caustica::image::metrics::mean_rgb(&image).expect("a picture");
-            (r + g + b) / 3.0
-        }))
+        Self::of((1..=seeds).map(|seed| mean(&image(scene, integrator, spp, seed))))
     }
 
     /// Fails unless `truth` is within `z` standard errors and `relative` of the mean.
