@@ -280,6 +280,26 @@ fn mistakes_are_told_with_place_and_remedy() {
     assert!(wrong.is_empty(), "{} of {}:\n{}", wrong.len(), CASES.len(), wrong.join("\n"));
 }
 
+/// The program gives the same message and exit code 2, and never panics.
+#[test]
+fn the_program_exits_with_2() {
+    let dir = folder();
+    for (body, ..) in CASES {
+        let path = write_scene(dir.path(), &format!("<scene version=\"3.0.0\">\n{body}\n</scene>\n"));
+        let output = std::process::Command::new(env!("CARGO_BIN_EXE_caustica"))
+            .args(["render", "--accel", "bvh", "-q", "-o"])
+            .arg(dir.path().join("out.exr"))
+            .arg(&path)
+            .output()
+            .expect("the program starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        let message = load(&path).err().expect("an error").to_string();
+        assert_eq!(output.status.code(), Some(2), "{body}: {said}");
+        assert!(said.contains(&message) && !said.contains("panicked"), "{body}: {said}");
+    }
+    assert!(!dir.path().join("out.exr").exists());
+}
+
 #[test]
 fn whole_files_can_be_wrong() {
     let dir = folder();
