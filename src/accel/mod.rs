@@ -76,7 +76,7 @@ impl Accel {
     }
 
     /// The nearest hit along `ray`.
-    #[inline]
+    #[inline(always)]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
         match self {
             #[cfg(embree)]
@@ -86,7 +86,7 @@ impl Accel {
     }
 
     /// True when anything lies on `ray`.
-    #[inline]
+    #[inline(always)]
     pub fn occluded(&self, ray: &Ray) -> bool {
         match self {
             #[cfg(embree)]

@@ -22,7 +22,7 @@ pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
 /// `bsdf_share` is the number of directions sampled from the lobes `mask` for each light sample: the estimate carries the
 /// power-heuristic weight against them, and the caller adds their half where such a ray reaches a light. 0 leaves all to
 /// light sampling.
-#[inline]
+#[inline(always)]
 pub fn sample_direct(
     scene: &Scene,
     si: &SurfaceInteraction,

@@ -31,14 +31,14 @@ impl Sampler {
         Self { key, index: index as u32, dim: 0, sequence }
     }
 
-    /// The next number in [0, 1).
-    #[inline]
+    /// The next number in [0, 1). Inlined, so that numbers that a branch does not use are not computed.
+    #[inline(always)]
     pub fn next_1d(&mut self) -> f32 {
         to_unit(self.next_word())
     }
 
     /// The next point in [0, 1)².
-    #[inline]
+    #[inline(always)]
     pub fn next_2d(&mut self) -> Vec2 {
         let hash = self.next_hash();
         let (x, y) = match self.sequence {
@@ -51,14 +51,14 @@ impl Sampler {
         Vec2::new(to_unit(x), to_unit(y))
     }
 
-    #[inline]
+    #[inline(always)]
     fn next_hash(&mut self) -> u64 {
         let hash = hash_u64(self.key, self.dim as u64);
         self.dim = self.dim.wrapping_add(1);
         hash
     }
 
-    #[inline]
+    #[inline(always)]
     fn next_word(&mut self) -> u32 {
         let hash = self.next_hash();
         match self.sequence {

@@ -107,7 +107,7 @@ impl Scene {
     }
 
     /// True when the light sample `li` reaches the surface point `si`.
-    #[inline]
+    #[inline(always)]
     pub fn unoccluded(&self, si: &SurfaceInteraction, li: &LightLi) -> bool {
         if li.dist.is_infinite() {
             return !self.accel.occluded(&Ray::new(si.spawn_origin(li.wi), li.wi));
@@ -117,7 +117,7 @@ impl Scene {
 
     /// True when nothing stands between two points, each given with its error bound and its normal (of either side, zero
     /// for points that are not on a surface). Both ends are moved off their surfaces.
-    #[inline]
+    #[inline(always)]
     pub fn visible(&self, from: (Vec3, Vec3, Vec3), to: (Vec3, Vec3, Vec3)) -> bool {
         let w = to.0 - from.0;
         let a = offset_ray_origin(from.0, from.1, from.2, w);
