@@ -7,6 +7,7 @@ use std::path::Path;
 
 use caustica::accel::AccelKind;
 use caustica::image::Image;
+use caustica::scene::mesh_io::{PlyMesh, write_ply};
 use caustica::scene::{LoadOptions, Scene};
 use common::{Estimate, backends, image};
 
@@ -15,9 +16,9 @@ const SPP: u64 = 64;
 /// Pixels on a side of a block.
 const BLOCK: u32 = 16;
 
-fn load(name: &str, accel: AccelKind) -> Scene {
+fn load(name: &str, defines: &[(String, String)], accel: AccelKind) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
-    let options = LoadOptions { accel, width: Some(96), ..LoadOptions::default() };
+    let options = LoadOptions { accel, width: Some(96), defines: defines.to_vec(), ..LoadOptions::default() };
     Scene::load(&path, &options).unwrap_or_else(|e| panic!("{e}"))
 }
 
@@ -40,8 +41,12 @@ fn blocks(image: &Image) -> Vec<f64> {
 /// six seeds, in standard errors, against the 99.9 % point of Student's t with 10 degrees of freedom, Šidák-corrected for
 /// some 36 blocks (6.2). The 3 % are for the bias of the density estimate in corners and on the rims of caustics.
 fn compare(name: &str) {
+    compare_with(name, &[]);
+}
+
+fn compare_with(name: &str, defines: &[(String, String)]) {
     for accel in backends() {
-        let scene = load(name, accel);
+        let scene = load(name, defines, accel);
         let render = |integrator: &str| -> Vec<Vec<f64>> {
             (1..=SEEDS).map(|seed| blocks(&image(&scene, integrator, SPP, seed))).collect()
         };
@@ -68,6 +73,16 @@ fn cornell_box() {
 #[test]
 fn cornell_spheres() {
     compare("cornell-spheres.xml");
+}
+
+#[test]
+fn terrain() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let file = dir.path().join("terrain.ply");
+    let mesh = caustica::geometry::generate::terrain(20_000, 0);
+    let ply = PlyMesh { positions: mesh.positions.as_slice(), indices: &mesh.indices, ..PlyMesh::default() };
+    write_ply(&file, &ply).expect("a mesh file");
+    compare_with("terrain.xml", &[("mesh".into(), file.display().to_string())]);
 }
 
 #[test]
