@@ -25,7 +25,7 @@ fn agree(case: &Case, wo_local: Vec3, mode: Mode, mask: LobeMask, seed: u64) {
     // Bins from a pilot run.
     let smooth = |s: BsdfSample| s.lobe.intersects(LobeMask::SMOOTH).then(|| frame.to_local(s.wi));
     let pilot: Vec<Vec3> = (0..PILOT).filter_map(|i| draw(seed ^ 0x5eed, i).and_then(smooth)).collect();
-    let histogram = Histogram::new(&pilot, 200);
+    let histogram = Histogram::new(&pilot, 80);
 
     // Count: a bin for every cell, one for "no sample", one for each discrete choice.
     let mut observed = vec![0.0; histogram.len() + 1];

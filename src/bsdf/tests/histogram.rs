@@ -24,39 +24,42 @@ impl Cell {
         ]
     }
 
-    /// Gauss–Legendre with 3×3 points.
+    /// Gauss–Legendre with 5×5 points.
     fn gauss(&self, density: &dyn Fn(Vec3) -> f64) -> f64 {
-        const X: [f64; 3] = [-0.774_596_669_241_483_4, 0.0, 0.774_596_669_241_483_4];
-        const W: [f64; 3] = [5.0 / 9.0, 8.0 / 9.0, 5.0 / 9.0];
+        const X: [f64; 5] =
+            [-0.906_179_845_938_664, -0.538_469_310_105_683_1, 0.0, 0.538_469_310_105_683_1, 0.906_179_845_938_664];
+        const W: [f64; 5] = [
+            0.236_926_885_056_189_1,
+            0.478_628_670_499_366_5,
+            0.568_888_888_888_888_9,
+            0.478_628_670_499_366_5,
+            0.236_926_885_056_189_1,
+        ];
         let at = |r: [f64; 2], x: f64| 0.5 * (r[0] + r[1]) + 0.5 * (r[1] - r[0]) * x;
         let mut sum = 0.0;
-        for (x, wx) in X.into_iter().zip(W) {
-            for (y, wy) in X.into_iter().zip(W) {
-                let (h, phi) = (at(self.h, x), at(self.phi, y));
+        for i in 0..5 {
+            for j in 0..5 {
+                let (h, phi) = (at(self.h, X[i]), at(self.phi, X[j]));
                 let r = (h * (2.0 - h)).sqrt();
                 let z = if self.upper { 1.0 - h } else { h - 1.0 };
                 let w = Vec3::new((r * phi.cos()) as f32, (r * phi.sin()) as f32, z as f32);
-                sum += wx * wy * density(w);
+                sum += W[i] * W[j] * density(w);
             }
         }
         sum * 0.25 * (self.h[1] - self.h[0]) * (self.phi[1] - self.phi[0])
     }
 
-    /// Integral by halving, at first unseen (a peak may sit in a corner between the points), then until two levels agree.
+    /// Integral by halving until two levels agree to `tolerance`.
     fn integrate(&self, density: &dyn Fn(Vec3) -> f64, whole: f64, tolerance: f64, depth: u32) -> f64 {
-        const UNSEEN: u32 = 3;
-        const DEPTH: u32 = 10;
         let parts = self.split();
-        if depth < UNSEEN {
-            return parts.iter().map(|c| c.integrate(density, f64::NAN, tolerance, depth + 1)).sum();
-        }
-        let whole = if whole.is_nan() { self.gauss(density) } else { whole };
         let sums = parts.map(|c| c.gauss(density));
         let sum: f64 = sums.iter().sum();
-        if depth == DEPTH || (sum - whole).abs() < tolerance {
+        // Large cells are split unseen: their samples may sit in a corner between the points.
+        let area = (self.h[1] - self.h[0]) * (self.phi[1] - self.phi[0]);
+        if depth == 0 || (area < 4.0 * PI / 4096.0 && (sum - whole).abs() < tolerance) {
             return sum;
         }
-        (0..4).map(|i| parts[i].integrate(density, sums[i], 0.35 * tolerance, depth + 1)).sum()
+        (0..4).map(|i| parts[i].integrate(density, sums[i], 0.35 * tolerance, depth - 1)).sum()
     }
 }
 
@@ -139,7 +142,7 @@ impl Histogram {
 
     /// Integral of a density over every bin.
     pub fn integrate(&self, density: &dyn Fn(Vec3) -> f64) -> Vec<f64> {
-        self.cells.iter().map(|c| c.integrate(density, f64::NAN, 1e-7, 0)).collect()
+        self.cells.iter().map(|c| c.integrate(density, c.gauss(density), 1e-7, 9)).collect()
     }
 }
 
