@@ -49,6 +49,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             passes: a.passes,
             seed: a.seed,
             timed: a.time.is_some(),
+            track_error: false,
         },
     )?;
     let loaded = started.elapsed().as_secs_f64();

@@ -12,7 +12,7 @@ pub use tile::{FilmTile, TILE_SIZE};
 
 use crate::color::Rgb;
 use crate::image::{FilmWindow, Image};
-use tile::{Moments, Reach, Sum};
+use tile::{Reach, Sum};
 
 /// Sums of weighted samples and of splats for every pixel of the crop window.
 #[derive(Clone, Debug)]
@@ -22,7 +22,6 @@ pub struct Film {
     sums: Vec<Sum>,
     /// Sums of colours that came with their own weight, allocated with the first one.
     splats: Vec<[f64; 3]>,
-    moments: Option<Vec<Moments>>,
     splat_norm: f64,
     non_finite: u64,
 }
@@ -58,16 +57,9 @@ impl Film {
             filter,
             sums: vec![Sum::default(); pixels],
             splats: Vec::new(),
-            moments: None,
             splat_norm: filter.integral().powi(-2),
             non_finite: 0,
         }
-    }
-
-    /// Also keeps the squares of each pixel's own samples, for [`Film::variance`].
-    pub fn with_moments(mut self) -> Self {
-        self.moments = Some(vec![Moments::default(); self.sums.len()]);
-        self
     }
 
     pub fn window(&self) -> FilmWindow {
@@ -100,7 +92,23 @@ impl Film {
         let columns = w.div_ceil(TILE_SIZE);
         let (x, y) = (index as u32 % columns * TILE_SIZE, index as u32 / columns * TILE_SIZE);
         let (x1, y1) = ((x + TILE_SIZE).min(w), (y + TILE_SIZE).min(h));
-        FilmTile::new(&self.window, self.filter, (x, y), (x1, y1), self.moments.is_some())
+        FilmTile::new(&self.window, self.filter, (x, y), (x1, y1))
+    }
+
+    /// Adds the sums of another film of the same window and filter, for example of another pass.
+    pub fn add(&mut self, other: &Film) {
+        for (sum, o) in self.sums.iter_mut().zip(&other.sums) {
+            *sum += *o;
+        }
+        if !other.splats.is_empty() {
+            self.splats.resize(self.sums.len(), [0.0; 3]);
+            for (sum, o) in self.splats.iter_mut().zip(&other.splats) {
+                for (sum, o) in sum.iter_mut().zip(o) {
+                    *sum += o;
+                }
+            }
+        }
+        self.non_finite += other.non_finite;
     }
 
     /// Adds a tile. Tiles must come in a fixed order for the sums to be the same bits every time.
@@ -109,11 +117,6 @@ impl Film {
         for (x, y, sum) in tile.sums() {
             if (0..w as i32).contains(&x) && (0..h as i32).contains(&y) {
                 self.sums[y as usize * w as usize + x as usize] += *sum;
-            }
-        }
-        if let Some(moments) = &mut self.moments {
-            for (x, y, m) in tile.moments() {
-                moments[y as usize * w as usize + x as usize] += *m;
             }
         }
         self.non_finite += tile.non_finite();
@@ -127,13 +130,9 @@ impl Film {
             return false;
         }
         let (w, h) = self.crop_size();
-        let reach = Reach::new(&self.window, self.filter, film_pos);
-        reach.for_each((0, 0), (w as i32, h as i32), |x, y, weight| {
+        Reach::new(&self.window, self.filter, film_pos).for_each((0, 0), (w as i32, h as i32), |x, y, weight| {
             self.sums[y as usize * w as usize + x as usize].add(value, weight as f64);
         });
-        if let (Some(moments), Some((x, y))) = (&mut self.moments, reach.own_pixel(w, h)) {
-            moments[y as usize * w as usize + x as usize].add(value);
-        }
         true
     }
 
@@ -176,11 +175,5 @@ impl Film {
             Rgb::from(c.map(|v| v as f32))
         };
         Image::rgb(w, h, (0..self.sums.len()).map(pixel).collect())
-    }
-
-    /// Variance of each pixel's mean, from its own samples alone (not those that the filter brings from its neighbours).
-    /// `None` without [`Film::with_moments`].
-    pub fn variance(&self) -> Option<Vec<Rgb>> {
-        self.moments.as_ref().map(|m| m.iter().map(Moments::variance_of_mean).collect())
     }
 }

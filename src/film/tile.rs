@@ -44,47 +44,6 @@ impl AddAssign for Sum {
     }
 }
 
-/// Count, sum and sum of squares of a pixel's own samples.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Moments {
-    count: u64,
-    sum: [f64; 3],
-    square: [f64; 3],
-}
-
-impl Moments {
-    pub fn add(&mut self, value: Rgb) {
-        self.count += 1;
-        for (c, v) in value.to_array().into_iter().enumerate() {
-            self.sum[c] += v as f64;
-            self.square[c] += v as f64 * v as f64;
-        }
-    }
-
-    /// 0 with fewer than two samples.
-    pub fn variance_of_mean(&self) -> Rgb {
-        if self.count < 2 {
-            return Rgb::BLACK;
-        }
-        let n = self.count as f64;
-        let channel = |c: usize| {
-            let mean = self.sum[c] / n;
-            ((self.square[c] / n - mean * mean).max(0.0) / (n - 1.0)) as f32
-        };
-        Rgb::new(channel(0), channel(1), channel(2))
-    }
-}
-
-impl AddAssign for Moments {
-    fn add_assign(&mut self, o: Self) {
-        self.count += o.count;
-        for c in 0..3 {
-            self.sum[c] += o.sum[c];
-            self.square[c] += o.square[c];
-        }
-    }
-}
-
 /// The pixels around a sample and their weights, in coordinates of the crop window.
 pub(super) struct Reach {
     /// The sample in pixels from the corner of the crop window.
@@ -97,13 +56,6 @@ impl Reach {
     pub fn new(window: &FilmWindow, filter: ReconstructionFilter, film_pos: Vec2) -> Self {
         let at = film_pos - Vec2::new(window.crop_offset.0 as f32, window.crop_offset.1 as f32);
         Self { at, filter }
-    }
-
-    /// The pixel that contains the sample, if it lies in a window of the given size.
-    #[inline]
-    pub fn own_pixel(&self, width: u32, height: u32) -> Option<(i32, i32)> {
-        let (x, y) = (self.at.x.floor() as i32, self.at.y.floor() as i32);
-        ((0..width as i32).contains(&x) && (0..height as i32).contains(&y)).then_some((x, y))
     }
 
     /// Calls `f(x, y, weight)` for the pixels with weight in `low..high`.
@@ -145,23 +97,15 @@ pub struct FilmTile {
     high: (u32, u32),
     border: i32,
     sums: Vec<Sum>,
-    moments: Option<Vec<Moments>>,
     non_finite: u64,
 }
 
 impl FilmTile {
-    pub(super) fn new(
-        window: &FilmWindow,
-        filter: ReconstructionFilter,
-        low: (u32, u32),
-        high: (u32, u32),
-        moments: bool,
-    ) -> Self {
+    pub(super) fn new(window: &FilmWindow, filter: ReconstructionFilter, low: (u32, u32), high: (u32, u32)) -> Self {
         let border = (filter.radius() - 0.5).max(0.0).ceil() as i32;
         let (w, h) = ((high.0 - low.0) as usize, (high.1 - low.1) as usize);
         let sums = vec![Sum::default(); (w + 2 * border as usize) * (h + 2 * border as usize)];
-        let moments = moments.then(|| vec![Moments::default(); w * h]);
-        Self { window: *window, filter, low, high, border, sums, moments, non_finite: 0 }
+        Self { window: *window, filter, low, high, border, sums, non_finite: 0 }
     }
 
     /// The pixels to render, row by row, as integer coordinates in the whole film.
@@ -184,18 +128,9 @@ impl FilmTile {
             return false;
         }
         let (low, high, width) = self.extent();
-        let reach = Reach::new(&self.window, self.filter, film_pos);
-        reach.for_each(low, high, |x, y, weight| {
+        Reach::new(&self.window, self.filter, film_pos).for_each(low, high, |x, y, weight| {
             self.sums[(y - low.1) as usize * width + (x - low.0) as usize].add(value, weight as f64);
         });
-        if let Some(moments) = &mut self.moments
-            && let Some((x, y)) = reach.own_pixel(self.high.0, self.high.1)
-            && x >= self.low.0 as i32
-            && y >= self.low.1 as i32
-        {
-            let width = (self.high.0 - self.low.0) as usize;
-            moments[(y as u32 - self.low.1) as usize * width + (x as u32 - self.low.0) as usize].add(value);
-        }
         true
     }
 
@@ -212,16 +147,6 @@ impl FilmTile {
         self.sums.iter().enumerate().map(move |(i, sum)| {
             let (x, y) = place(i);
             (x, y, sum)
-        })
-    }
-
-    pub(super) fn moments(&self) -> impl Iterator<Item = (u32, u32, &Moments)> {
-        let width = (self.high.0 - self.low.0) as usize;
-        let low = self.low;
-        let place = move |i: usize| (low.0 + (i % width) as u32, low.1 + (i / width) as u32);
-        self.moments.iter().flatten().enumerate().map(move |(i, m)| {
-            let (x, y) = place(i);
-            (x, y, m)
         })
     }
 }

@@ -2,21 +2,20 @@
 
 mod pass;
 mod plan;
+mod session;
+mod spread;
 mod summary;
 
 pub use pass::render_pass;
 pub use plan::{METHODS, Method, Plan, PlanError, PlanOverrides};
+pub use session::Session;
 pub use summary::{MapSummary, Phase, Summary};
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::film::Film;
-use crate::gather::PhotonMaps;
 use crate::image::Image;
-use crate::integrator::PhotonMapper;
 use crate::scene::Scene;
-use crate::shoot::Target;
 
 /// Told what a render is doing; calls come from several threads.
 pub trait Progress: Sync {
@@ -40,6 +39,18 @@ pub struct Control<'a> {
     pub progress: &'a dyn Progress,
 }
 
+impl Control<'_> {
+    /// Whether a render is to end after the running pass.
+    pub fn over(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.time.is_some_and(|t| self.started.elapsed() >= t)
+    }
+
+    /// The share of the time that is used up; 0 without a limit.
+    pub(crate) fn elapsed_fraction(&self) -> f64 {
+        self.time.map_or(0.0, |t| self.started.elapsed().as_secs_f64() / t.as_secs_f64())
+    }
+}
+
 /// A finished render.
 pub struct Rendering {
     pub image: Image,
@@ -50,66 +61,14 @@ pub struct Rendering {
 ///
 /// The image depends on the scene, the plan and the number of finished passes, not on threads or time.
 pub fn render(scene: &Scene, plan: &Plan, control: &Control) -> Rendering {
-    let mut film = Film::new(scene.camera.window(), scene.film.filter);
-    let mut summary = Summary::new(plan);
-    let passes = if control.time.is_some() && !plan.bounded { u64::MAX } else { plan.passes };
-    for pass in 0..passes {
-        let range = plan.samples_of(pass);
-        summary.spp += range.end - range.start;
-        let report = |fraction: f64| {
-            let by_passes = (pass as f64 + fraction) / passes as f64;
-            let by_time = control.time.map_or(0.0, |t| control.started.elapsed().as_secs_f64() / t.as_secs_f64());
-            control.progress.advance(by_passes.max(by_time).min(1.0), pass);
-        };
-        let counters = match &plan.method {
-            Method::Path(p) => summary.time("render", || render_pass(scene, p, &mut film, plan.seed, range, &report)),
-            Method::Direct(d) => summary.time("render", || render_pass(scene, d, &mut film, plan.seed, range, &report)),
-            Method::PhotonMapper(settings) => {
-                let maps = build_maps(scene, plan, settings, pass, control, &mut summary);
-                let recipe = PhotonMapper { settings: *settings, maps: &maps };
-                control.progress.phase("render");
-                summary.time("render", || render_pass(scene, &recipe, &mut film, plan.seed, range, &report))
-            }
-        };
-        summary.counters += counters;
-        summary.passes = pass + 1;
-        let over = control.time.is_some_and(|t| control.started.elapsed() >= t);
-        if control.stop.load(Ordering::Relaxed) || over {
-            summary.interrupted = control.stop.load(Ordering::Relaxed);
+    let mut session = Session::new(scene, plan);
+    while !session.finished() {
+        session.step(control);
+        if control.over() {
             break;
         }
     }
-    control.progress.advance(1.0, summary.passes);
-    Rendering { image: film.develop(1.0), summary }
-}
-
-/// Shoots and balances the photon maps of one pass.
-fn build_maps(
-    scene: &Scene,
-    plan: &Plan,
-    settings: &crate::integrator::PhotonMapperSettings,
-    pass: u64,
-    control: &Control,
-    summary: &mut Summary,
-) -> PhotonMaps {
-    let mut maps = PhotonMaps::default();
-    for target in settings.targets() {
-        control.progress.phase("shoot photons");
-        let shot = summary.time("shoot photons", || {
-            crate::shoot::shoot(scene, &settings.shoot_settings(plan.seed, pass, target, scene.sampler.sequence))
-        });
-        summary.add_shot(target, &shot);
-        control.progress.phase("balance map");
-        let map = summary.time("balance map", || crate::photon::PhotonMap::build(shot.photons));
-        let radius = scene.bounding_sphere().1;
-        match target {
-            Target::Caustic => maps.set_caustic(map, &settings.lookup, radius),
-            Target::Global | Target::Indirect => maps.set_global(map, &settings.lookup, radius),
-        }
-    }
-    if settings.final_gather {
-        summary.time("irradiance", || maps.precompute_irradiance());
-    }
-    summary.photon_memory = summary.photon_memory.max(maps.memory());
-    maps
+    session.summary.interrupted = control.stop.load(Ordering::Relaxed);
+    control.progress.advance(1.0, session.passes());
+    Rendering { image: session.image(), summary: session.summary }
 }

@@ -35,6 +35,8 @@ pub struct PlanOverrides {
     pub seed: Option<u64>,
     /// The render ends by the clock, so that without `spp` or `passes` it has no other end.
     pub timed: bool,
+    /// As [`Plan::track_error`].
+    pub track_error: bool,
 }
 
 /// A plan that cannot be made.
@@ -60,13 +62,14 @@ fn hint(found: &str) -> String {
 pub struct Plan {
     pub method: Method,
     pub seed: u64,
-    pub passes: u64,
+    /// The numbers of the passes to make.
+    pub passes: Range<u64>,
     /// Camera samples per pixel of each pass.
     pub spp_per_pass: u64,
-    /// Camera samples per pixel in all; the last pass may be smaller.
-    pub spp: u64,
-    /// Stop after `passes` even if time is left.
-    pub bounded: bool,
+    /// Camera samples per pixel of all passes from 0 on, the last of which may be smaller; `None` where time ends them.
+    pub spp: Option<u64>,
+    /// Keep what is needed to tell the noise of every pixel.
+    pub track_error: bool,
 }
 
 impl Plan {
@@ -97,10 +100,10 @@ impl Plan {
         Ok(Self {
             method,
             seed: o.seed.unwrap_or(scene.sampler.seed),
-            passes: spp.div_ceil(spp_per_pass),
+            passes: 0..if bounded { spp.div_ceil(spp_per_pass) } else { u64::MAX },
             spp_per_pass,
-            spp,
-            bounded,
+            spp: bounded.then_some(spp),
+            track_error: o.track_error,
         })
     }
 
@@ -108,7 +111,7 @@ impl Plan {
     pub fn samples_of(&self, pass: u64) -> Range<u64> {
         let first = pass * self.spp_per_pass;
         let last = first + self.spp_per_pass;
-        first..if self.bounded { last.min(self.spp) } else { last }
+        first..self.spp.map_or(last, |spp| last.min(spp))
     }
 }
 

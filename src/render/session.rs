@@ -1,0 +1,125 @@
+use super::{Control, Method, Plan, Summary, render_pass, spread::Spread};
+use crate::color::Rgb;
+use crate::film::Film;
+use crate::gather::PhotonMaps;
+use crate::image::Image;
+use crate::integrator::{PhotonMapper, PhotonMapperSettings};
+use crate::scene::Scene;
+use crate::shoot::Target;
+
+/// A render between two passes: the plan, and the sums of what the finished passes found.
+///
+/// Passes are independent of each other and known by their number, so the picture after some passes does not depend on
+/// how, when or in how many runs they were made.
+pub struct Session<'s> {
+    pub(super) scene: &'s Scene,
+    pub(super) plan: Plan,
+    /// Sums over the finished passes.
+    pub(super) film: Film,
+    /// What the passes say about their own noise; only where it was asked for.
+    pub(super) spread: Option<Spread>,
+    /// The number of the next pass.
+    pub(super) next: u64,
+    pub summary: Summary,
+}
+
+impl<'s> Session<'s> {
+    /// A render that has not begun.
+    pub fn new(scene: &'s Scene, plan: &Plan) -> Self {
+        let film = Film::new(scene.camera.window(), scene.film.filter);
+        let pixels = film.crop_size().0 as usize * film.crop_size().1 as usize;
+        Self {
+            scene,
+            film,
+            spread: plan.track_error.then(|| Spread::new(pixels)),
+            next: plan.passes.start,
+            summary: Summary::new(plan),
+            plan: plan.clone(),
+        }
+    }
+
+    /// Whether all passes of the plan are in.
+    pub fn finished(&self) -> bool {
+        self.next >= self.plan.passes.end
+    }
+
+    /// Passes that are in.
+    pub fn passes(&self) -> u64 {
+        self.next - self.plan.passes.start
+    }
+
+    /// Makes the next pass, unless all are in.
+    pub fn step(&mut self, control: &Control) {
+        if self.finished() {
+            return;
+        }
+        let samples = self.plan.samples_of(self.next);
+        let spp = samples.end - samples.start;
+        // Give every pass a film of its own, so that no pass depends on those before it.
+        let mut film = Film::new(self.film.window(), self.film.filter());
+        let (done, passes) = (self.passes() as f64, (self.plan.passes.end - self.plan.passes.start) as f64);
+        let report = |fraction: f64| {
+            let by_passes = (done + fraction) / passes;
+            control.progress.advance(by_passes.max(control.elapsed_fraction()).min(1.0), done as u64);
+        };
+        let (scene, seed) = (self.scene, self.plan.seed);
+        let counters = match self.plan.method {
+            Method::Path(p) => {
+                self.summary.time("render", || render_pass(scene, &p, &mut film, seed, samples, &report))
+            }
+            Method::Direct(d) => {
+                self.summary.time("render", || render_pass(scene, &d, &mut film, seed, samples, &report))
+            }
+            Method::PhotonMapper(settings) => {
+                let maps = self.build_maps(&settings, control);
+                control.progress.phase("render");
+                let recipe = PhotonMapper { settings, maps: &maps };
+                self.summary.time("render", || render_pass(scene, &recipe, &mut film, seed, samples, &report))
+            }
+        };
+        // Add it to what is there.
+        if let Some(spread) = &mut self.spread {
+            spread.add(&film.develop(1.0 / spp as f64), spp);
+        }
+        self.film.add(&film);
+        self.summary.counters += counters;
+        self.summary.spp += spp;
+        self.next += 1;
+        self.summary.passes = self.passes();
+    }
+
+    /// The picture so far; black before the first pass.
+    pub fn image(&self) -> Image {
+        self.film.develop(1.0 / self.summary.spp.max(1) as f64)
+    }
+
+    /// Variance of each pixel of [`Session::image`], from the differences between passes; `None` unless the plan tracks
+    /// the error and two passes are in.
+    pub fn variance(&self) -> Option<Vec<Rgb>> {
+        self.spread.as_ref()?.variance_of_mean()
+    }
+
+    /// Shoots and balances the photon maps of the next pass.
+    fn build_maps(&mut self, settings: &PhotonMapperSettings, control: &Control) -> PhotonMaps {
+        let (scene, summary) = (self.scene, &mut self.summary);
+        let mut maps = PhotonMaps::default();
+        for target in settings.targets() {
+            control.progress.phase("shoot photons");
+            let shooting = settings.shoot_settings(self.plan.seed, self.next, target, scene.sampler.sequence);
+            let shot = summary.time("shoot photons", || crate::shoot::shoot(scene, &shooting));
+            summary.add_shot(target, &shot);
+            control.progress.phase("balance map");
+            let map = summary.time("balance map", || crate::photon::PhotonMap::build(shot.photons));
+            let radius = scene.bounding_sphere().1;
+            match target {
+                Target::Caustic => maps.set_caustic(map, &settings.lookup, radius),
+                Target::Global | Target::Indirect => maps.set_global(map, &settings.lookup, radius),
+            }
+        }
+        if settings.final_gather {
+            summary.time("irradiance", || maps.precompute_irradiance());
+        }
+        summary.photon_memory = summary.photon_memory.max(maps.memory());
+        maps
+    }
+}
