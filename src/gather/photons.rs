@@ -71,7 +71,7 @@ impl PhotonMaps {
         self.global = Lookup::new(map, lookup.global_size, lookup.global_radius * scene_radius, lookup.kernel);
     }
 
-    /// Computes irradiance beforehand at a quarter of the global map's photons; Lambertian surfaces then look it up.
+    /// Computes irradiance beforehand at some of the global map's photons; Lambertian surfaces then look it up.
     pub fn precompute_irradiance(&mut self) {
         if let Some(global) = &mut self.global {
             global.irradiance = Some(IrradianceMap::precompute(global));
@@ -101,9 +101,19 @@ impl PhotonMaps {
 }
 
 impl Lookup {
-    fn new(map: PhotonMap, size: u32, radius: f32, kernel: Kernel) -> Option<Self> {
+    pub(super) fn new(map: PhotonMap, size: u32, radius: f32, kernel: Kernel) -> Option<Self> {
         let size = size.max(1) as usize;
         (!map.is_empty()).then_some(Self { map, size, max_radius_sq: radius * radius, kernel, irradiance: None })
+    }
+
+    /// Photons in an estimate.
+    pub(super) fn size(&self) -> usize {
+        self.size
+    }
+
+    /// Largest radius of an estimate, scene units.
+    pub(super) fn max_radius(&self) -> f32 {
+        self.max_radius_sq.sqrt()
     }
 
     fn memory(&self) -> usize {
@@ -114,18 +124,17 @@ impl Lookup {
     fn estimate(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> MapEstimate {
         counters.photon_queries += 1;
         let front = si.wo.dot(si.ng) > 0.0;
+        // Lambertian: the directions of the photons do not matter, and irradiance may be known already.
+        if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE) {
+            let known = self.irradiance.as_ref().and_then(|map| map.lookup(si.p, si.ng, front));
+            let known =
+                known.or_else(|| SCRATCH.with_borrow_mut(|scratch| self.irradiance(si.p, si.ng, front, scratch)));
+            return known.map_or(MapEstimate::default(), |(irradiance, radius_sq)| MapEstimate {
+                radiance: albedo * INV_PI * irradiance,
+                radius_sq,
+            });
+        }
         SCRATCH.with_borrow_mut(|scratch| {
-            // Lambertian: the directions of the photons do not matter, and irradiance may be known already.
-            if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE) {
-                let known = match &self.irradiance {
-                    Some(map) => map.lookup(si.p, si.ng, front, self.max_radius_sq, scratch),
-                    None => self.irradiance(si.p, si.ng, front, scratch),
-                };
-                return known.map_or(MapEstimate::default(), |(irradiance, radius_sq)| MapEstimate {
-                    radiance: albedo * INV_PI * irradiance,
-                    radius_sq,
-                });
-            }
             let side = if bsdf.transmits(LobeMask::SMOOTH_WIDE) { None } else { Some(front) };
             let term = |i: u32| {
                 let wi = above_horizon(self.map.direction(i), si.ng, self.map.side(i));

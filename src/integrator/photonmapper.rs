@@ -78,12 +78,13 @@ impl Integrator for PhotonMapper<'_> {
         let mut hide = self.settings.hide_emitters;
         while depth < max_depth {
             counters.camera_rays += 1;
-            let Some(si) = scene.intersect(&ray) else {
+            let Some(hit) = scene.hit(&ray) else {
                 if !hide {
                     radiance += beta * scene.environment_radiance(ray.d);
                 }
                 break;
             };
+            let si = scene.interaction(&ray, &hit);
             if scene.is_emitter(&si) {
                 if hide {
                     ray.o = si.spawn_origin(ray.d);
@@ -133,16 +134,19 @@ impl PhotonMapper<'_> {
         let gather_rays = if gathers { self.settings.final_gather_samples.max(1) } else { 0 };
         // Direct light, shared between shadow rays and those gather rays that meet a light.
         let share = gather_rays as f32 / shadow_rays as f32;
-        let direct: Rgb = (0..shadow_rays)
-            .map(|_| sample_direct(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, sampler, counters))
+        let direct: Rgb = sampler
+            .split(shadow_rays)
+            .map(|mut s| sample_direct(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, &mut s, counters))
             .sum();
         let mut sum = direct / shadow_rays as f32;
         // Caustics from their map.
         sum += self.maps.caustic_radiance(si, bsdf, counters);
         // Indirect light by gathering over the global map, or from the map of indirect photons itself.
         if gathers {
-            let gathered: Rgb =
-                (0..gather_rays).map(|_| self.gather_ray(scene, si, bsdf, 1.0 / share, 0, sampler, counters)).sum();
+            let gathered: Rgb = sampler
+                .split(gather_rays)
+                .map(|mut s| self.gather_ray(scene, si, bsdf, 1.0 / share, 0, &mut s, counters))
+                .sum();
             sum += gathered / gather_rays as f32;
         } else if edges >= 2 {
             sum += self.maps.global_radiance(si, bsdf, counters).radiance;
@@ -175,19 +179,23 @@ impl PhotonMapper<'_> {
         let mut depth = 0;
         loop {
             counters.camera_rays += 1;
-            let hit = scene.intersect(&ray);
+            let found = scene.hit(&ray);
             // A light met at once is direct light; one met through specular surfaces is in the caustic map.
-            if depth == 0 {
-                let (emitted, pdf_light) = match &hit {
-                    Some(hit) if scene.is_emitter(hit) => (scene.emitted(hit, hit.wo), scene.pdf_direct(si.p, hit)),
-                    Some(_) => (Rgb::BLACK, 0.0),
-                    None => (scene.environment_radiance(ray.d), scene.pdf_environment(si.p, ray.d)),
-                };
+            let Some(found) = found else {
+                if depth == 0 {
+                    let pdf_light = scene.pdf_environment(si.p, ray.d);
+                    let weight = power_heuristic(s.pdf, pdf_light * light_share);
+                    sum += beta * scene.environment_radiance(ray.d) * weight;
+                }
+                break;
+            };
+            let hit = scene.interaction(&ray, &found);
+            if depth == 0 && scene.is_emitter(&hit) {
+                let emitted = scene.emitted(&hit, hit.wo);
                 if !emitted.is_black() {
-                    sum += beta * emitted * power_heuristic(s.pdf, pdf_light * light_share);
+                    sum += beta * emitted * power_heuristic(s.pdf, scene.pdf_direct(si.p, &hit) * light_share);
                 }
             }
-            let Some(hit) = hit else { break };
             depth += 1;
             let hit_bsdf = scene.bsdf(&hit);
             if hit_bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {

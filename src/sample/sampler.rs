@@ -51,6 +51,21 @@ impl Sampler {
         Vec2::new(to_unit(x), to_unit(y))
     }
 
+    /// The streams of `count` samples that are to be averaged at this point of the path, stratified among each other.
+    ///
+    /// Where the path itself is one of a stratified set, so are all the samples of the set together.
+    #[inline]
+    pub fn split(&mut self, count: u32) -> impl Iterator<Item = Self> + use<> {
+        let hash = self.next_hash();
+        let (key, first) = match self.sequence {
+            Sequence::Independent => (hash_u64(hash, self.index as u64), 0),
+            Sequence::Sobol => (hash, self.index as u64 * count as u64),
+        };
+        // A lone sample stays what the sequence makes it.
+        let sequence = if count > 1 { Sequence::Sobol } else { self.sequence };
+        (0..count as u64).map(move |i| Self::new(sequence, Key(key), first + i))
+    }
+
     #[inline(always)]
     fn next_hash(&mut self) -> u64 {
         let hash = hash_u64(self.key, self.dim as u64);
@@ -121,6 +136,25 @@ mod tests {
         let mut a = Sampler::new(Sequence::Sobol, key, 7);
         let mut b = Sampler::new(Sequence::Sobol, key, 7 + (1 << 32));
         assert_ne!(a.next_2d(), b.next_2d());
+    }
+
+    #[test]
+    fn splits_are_stratified() {
+        // 16 samples of one path, or four of each of four Sobol' paths: one in each of 16 strata, in every dimension.
+        for (sequence, paths, count) in [(Sequence::Independent, 1, 16), (Sequence::Sobol, 4, 4)] {
+            let mut strata = [[0u32; 16]; 3];
+            for path in 0..paths {
+                let mut s = Sampler::new(sequence, Key::new(5, Purpose::Test, 0), path);
+                s.next_2d();
+                for mut part in s.split(count) {
+                    let (x, p) = (part.next_1d(), part.next_2d());
+                    strata[0][(x * 16.0) as usize] += 1;
+                    strata[1][(p.x * 16.0) as usize] += 1;
+                    strata[2][(p.y * 4.0) as usize * 4 + (p.x * 4.0) as usize] += 1;
+                }
+            }
+            assert_eq!(strata, [[1; 16]; 3], "{sequence:?}");
+        }
     }
 
     #[test]
