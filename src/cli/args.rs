@@ -69,6 +69,15 @@ pub struct SceneArgs {
     pub threads: Option<u32>,
 }
 
+/// What a render can write beside the colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Aov {
+    /// Variance of each pixel, from the differences between passes.
+    Variance,
+    /// Bias of each pixel, from photon maps read more and less widely.
+    Bias,
+}
+
 #[derive(Debug, Args)]
 pub struct RenderArgs {
     #[command(flatten)]
@@ -91,6 +100,13 @@ pub struct RenderArgs {
     /// Stop after the pass that is running when this time is over, for example 30s or 5min.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub time: Option<Duration>,
+    /// Stop when the render's own estimate of this error is below the given value, for example relmse=1e-3.
+    #[arg(long, value_name = "relmse=VALUE", value_parser = target_error)]
+    pub target_error: Option<f64>,
+    /// Layers to write into .exr beside the colour: variance (of each pixel and, as blockvariance, of each block of
+    /// 16 x 16), bias (of photon maps; doubles the time of camera passes).
+    #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
+    pub aov: Vec<Aov>,
     /// Seed of all random numbers.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
@@ -172,6 +188,14 @@ fn key_value(s: &str) -> Result<(String, String), String> {
     }
 }
 
+/// `relmse=1e-3`.
+fn target_error(s: &str) -> Result<f64, String> {
+    let value = s.strip_prefix("relmse=").and_then(|v| v.parse::<f64>().ok());
+    value.filter(|v| *v > 0.0 && v.is_finite()).ok_or_else(|| {
+        format!("found {s:?}, expected relmse= and a positive number, for example --target-error relmse=1e-3")
+    })
+}
+
 /// `90`, `90s`, `1.5min`, `2h`, `500ms`.
 fn duration(s: &str) -> Result<Duration, String> {
     let expected = || format!("found {s:?}, expected a number with ms, s, min or h behind it, for example 30s");
@@ -204,6 +228,14 @@ mod tests {
         assert_eq!(count("1.5k"), Ok(1500));
         assert_eq!(count("17"), Ok(17));
         assert!(count("0").is_err() && count("1G").is_err() && count("-3").is_err() && count("NaN").is_err());
+    }
+
+    #[test]
+    fn target_errors() {
+        assert_eq!(target_error("relmse=1e-3"), Ok(1e-3));
+        for wrong in ["1e-3", "rmse=1", "relmse=", "relmse=0", "relmse=-1", "relmse=inf", "relmse=NaN"] {
+            assert!(target_error(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

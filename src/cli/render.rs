@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::args::RenderArgs;
+use super::args::{Aov, RenderArgs};
 use super::progress::Reporter;
 use super::{CliError, INTERRUPTED, bytes, human, print};
 use crate::image::{Format, Image, WriteOptions};
@@ -49,9 +49,12 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             passes: a.passes,
             seed: a.seed,
             timed: a.time.is_some(),
-            track_error: false,
+            track_error: a.aov.contains(&Aov::Variance),
+            track_bias: a.aov.contains(&Aov::Bias),
+            target_error: a.target_error,
         },
     )?;
+    check_aovs(&plan)?;
     let loaded = started.elapsed().as_secs_f64();
     let quiet = a.quiet || a.json;
     if !quiet {
@@ -122,6 +125,25 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
         )));
     }
     Ok(if summary.interrupted { INTERRUPTED } else { 0 })
+}
+
+/// Refuses layers that nothing would be known about.
+fn check_aovs(plan: &Plan) -> Result<(), CliError> {
+    let passes = plan.passes.end - plan.passes.start;
+    if plan.track_error && passes < 2 {
+        return Err(CliError::Usage(
+            "variance and bias are told from the differences between passes, and this render has one: ask for more \
+             --spp or --passes"
+                .to_owned(),
+        ));
+    }
+    if plan.track_bias && ["ppm", "sppm", "vcm"].contains(&plan.method.name()) {
+        return Err(CliError::Usage(format!(
+            "--aov bias is not known for {}, whose bias vanishes as its radii shrink; photonmapper has one that stays",
+            plan.method.name()
+        )));
+    }
+    Ok(())
 }
 
 /// The files to write, checked for a format that can be written and a folder that exists.
@@ -195,6 +217,9 @@ fn print_summary(scene: &Scene, s: &Summary, seconds: f64, loaded: f64, outputs:
         bytes(scene.accel.memory()),
         bytes(s.photon_memory)
     ));
+    if let Some(e) = s.estimated_relmse {
+        print(&format!("estimated error    relmse {e:.3e}, from the differences between passes"));
+    }
     print(&format!("dropped samples    {} NaN, {} infinite of {}", c.nan_samples, c.infinite_samples, c.samples));
     for path in outputs {
         print(&format!("wrote              {}", path.display()));

@@ -3,6 +3,7 @@
 //! Pixels are linear Rec. 709 `f32` triples. Whatever else a file holds (alpha, variance, depth) is an extra
 //! [`Channel`] with the name that EXR gives it: `A`, `variance.R`, `depth.Z`.
 
+mod blocks;
 mod compare;
 pub mod diff;
 mod error;
@@ -21,6 +22,7 @@ mod window;
 
 use std::collections::BTreeMap;
 
+pub use blocks::{BLOCK_SIZE, block_means, spread_blocks};
 pub use compare::{Comparison, compare};
 pub use error::{ImageError, ImageErrorKind};
 pub use io::{Format, Limits, ReadOptions, WriteOptions, decode, encode, read, read_with, write};

@@ -1,11 +1,13 @@
 //! Passes over the film: the plan of a render, its clock, its statistics.
 
+mod doubt;
 mod pass;
 mod plan;
 mod session;
 mod spread;
 mod summary;
 
+pub use doubt::Doubt;
 pub use pass::render_pass;
 pub use plan::{METHODS, Method, Plan, PlanError, PlanOverrides};
 pub use session::Session;
@@ -53,6 +55,7 @@ impl Control<'_> {
 
 /// A finished render.
 pub struct Rendering {
+    /// With the layers of [`Doubt::add_layers`] where the plan tracks the error.
     pub image: Image,
     pub summary: Summary,
 }
@@ -62,13 +65,28 @@ pub struct Rendering {
 /// The image depends on the scene, the plan and the number of finished passes, not on threads or time.
 pub fn render(scene: &Scene, plan: &Plan, control: &Control) -> Rendering {
     let mut session = Session::new(scene, plan);
+    let mut next_look = 0;
     while !session.finished() {
         session.step(control);
         if control.over() {
             break;
         }
+        // Look at the error seldom enough that looking costs little, and looking often misleads little.
+        if let Some(target) = plan.target_error
+            && session.passes() >= next_look
+        {
+            next_look = session.passes() + 1 + session.passes() / 10;
+            if session.estimated_relmse().is_some_and(|e| e <= target) {
+                break;
+            }
+        }
     }
     session.summary.interrupted = control.stop.load(Ordering::Relaxed);
+    session.summary.estimated_relmse = session.estimated_relmse();
     control.progress.advance(1.0, session.passes());
-    Rendering { image: session.image(), summary: session.summary }
+    let mut image = session.image();
+    if let Some(doubt) = session.doubt() {
+        doubt.add_layers(&mut image);
+    }
+    Rendering { image, summary: session.summary }
 }

@@ -37,6 +37,10 @@ pub struct PlanOverrides {
     pub timed: bool,
     /// As [`Plan::track_error`].
     pub track_error: bool,
+    /// As [`Plan::track_bias`].
+    pub track_bias: bool,
+    /// As [`Plan::target_error`].
+    pub target_error: Option<f64>,
 }
 
 /// A plan that cannot be made.
@@ -70,6 +74,10 @@ pub struct Plan {
     pub spp: Option<u64>,
     /// Keep what is needed to tell the noise of every pixel.
     pub track_error: bool,
+    /// Read photon maps a second time with half as many photons, to tell the bias of every pixel.
+    pub track_bias: bool,
+    /// The render ends when its own estimate of relMSE is below this.
+    pub target_error: Option<f64>,
 }
 
 impl Plan {
@@ -89,21 +97,25 @@ impl Plan {
             }
             other => return Err(PlanError::UnknownIntegrator { found: other.to_owned() }),
         };
+        // Time and a wanted error end a render between passes.
+        let open = o.timed || o.target_error.is_some();
         let spp_per_pass = match (&method, o.passes) {
             (_, Some(passes)) => spp.div_ceil(passes),
-            // New maps for each pass are worth having only where somebody asked for passes or time.
-            (Method::PhotonMapper(_), None) if !o.timed => spp,
+            // New maps for each pass are worth having only where somebody asked for passes, time or error.
+            (Method::PhotonMapper(_), None) if !open && !o.track_error => spp,
             // Short passes, so that a render can be stopped; powers of two keep the samples stratified.
             _ => (spp / 8).next_power_of_two().clamp(1, 16).min(spp),
         };
-        let bounded = !o.timed || o.spp.is_some() || o.passes.is_some();
+        let bounded = !open || o.spp.is_some() || o.passes.is_some();
         Ok(Self {
             method,
             seed: o.seed.unwrap_or(scene.sampler.seed),
             passes: 0..if bounded { spp.div_ceil(spp_per_pass) } else { u64::MAX },
             spp_per_pass,
             spp: bounded.then_some(spp),
-            track_error: o.track_error,
+            track_error: o.track_error || o.track_bias || o.target_error.is_some(),
+            track_bias: o.track_bias,
+            target_error: o.target_error,
         })
     }
 

@@ -1,4 +1,4 @@
-use super::{Control, Method, Plan, Summary, render_pass, spread::Spread};
+use super::{Control, Method, Plan, Summary, doubt::Doubt, render_pass};
 use crate::color::Rgb;
 use crate::film::Film;
 use crate::gather::PhotonMaps;
@@ -17,7 +17,7 @@ pub struct Session<'s> {
     /// Sums over the finished passes.
     pub(super) film: Film,
     /// What the passes say about their own noise; only where it was asked for.
-    pub(super) spread: Option<Spread>,
+    pub(super) doubt: Option<Doubt>,
     /// The number of the next pass.
     pub(super) next: u64,
     pub summary: Summary,
@@ -27,11 +27,10 @@ impl<'s> Session<'s> {
     /// A render that has not begun.
     pub fn new(scene: &'s Scene, plan: &Plan) -> Self {
         let film = Film::new(scene.camera.window(), scene.film.filter);
-        let pixels = film.crop_size().0 as usize * film.crop_size().1 as usize;
         Self {
             scene,
+            doubt: plan.track_error.then(|| Doubt::new(&film, plan.track_bias)),
             film,
-            spread: plan.track_error.then(|| Spread::new(pixels)),
             next: plan.passes.start,
             summary: Summary::new(plan),
             plan: plan.clone(),
@@ -57,6 +56,7 @@ impl<'s> Session<'s> {
         let spp = samples.end - samples.start;
         // Give every pass a film of its own, so that no pass depends on those before it.
         let mut film = Film::new(self.film.window(), self.film.filter());
+        let mut poorer = None;
         let (done, passes) = (self.passes() as f64, (self.plan.passes.end - self.plan.passes.start) as f64);
         let report = |fraction: f64| {
             let by_passes = (done + fraction) / passes;
@@ -71,15 +71,28 @@ impl<'s> Session<'s> {
                 self.summary.time("render", || render_pass(scene, &d, &mut film, seed, samples, &report))
             }
             Method::PhotonMapper(settings) => {
-                let maps = self.build_maps(&settings, control);
+                let mut maps = self.build_maps(&settings, control);
                 control.progress.phase("render");
                 let recipe = PhotonMapper { settings, maps: &maps };
-                self.summary.time("render", || render_pass(scene, &recipe, &mut film, seed, samples, &report))
+                let range = samples.clone();
+                let mut counters =
+                    self.summary.time("render", || render_pass(scene, &recipe, &mut film, seed, range, &report));
+                // See the same samples with narrower estimates from the same photons.
+                if self.plan.track_bias {
+                    let other = poorer.insert(Film::new(film.window(), film.filter()));
+                    counters += self.summary.time("estimate bias", || {
+                        maps.narrow();
+                        let recipe = PhotonMapper { settings, maps: &maps };
+                        render_pass(scene, &recipe, other, seed, samples, &|_| {})
+                    });
+                }
+                counters
             }
         };
         // Add it to what is there.
-        if let Some(spread) = &mut self.spread {
-            spread.add(&film.develop(1.0 / spp as f64), spp);
+        if let Some(doubt) = &mut self.doubt {
+            let scale = 1.0 / spp as f64;
+            doubt.add(&film.develop(scale), poorer.map(|f| f.develop(scale)).as_ref(), spp);
         }
         self.film.add(&film);
         self.summary.counters += counters;
@@ -93,10 +106,21 @@ impl<'s> Session<'s> {
         self.film.develop(1.0 / self.summary.spp.max(1) as f64)
     }
 
+    /// What the passes tell about the error of [`Session::image`]; `None` unless the plan tracks it.
+    pub fn doubt(&self) -> Option<&Doubt> {
+        self.doubt.as_ref()
+    }
+
     /// Variance of each pixel of [`Session::image`], from the differences between passes; `None` unless the plan tracks
     /// the error and two passes are in.
     pub fn variance(&self) -> Option<Vec<Rgb>> {
-        self.spread.as_ref()?.variance_of_mean()
+        self.doubt.as_ref()?.variance()
+    }
+
+    /// The error of [`Session::image`] against the unknown truth, in the unit of relMSE, as far as the passes show it;
+    /// `None` unless the plan tracks the error and [`MIN_PASSES`](super::doubt::MIN_PASSES) are in.
+    pub fn estimated_relmse(&self) -> Option<f64> {
+        self.doubt.as_ref()?.relmse(&self.image())
     }
 
     /// Shoots and balances the photon maps of the next pass.

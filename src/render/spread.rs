@@ -36,6 +36,12 @@ impl Spread {
         self.passes += 1;
     }
 
+    /// The weighted mean of the passes; black before the first.
+    pub fn mean(&self) -> Vec<Rgb> {
+        let weight = self.weight.max(f64::MIN_POSITIVE);
+        self.sum.iter().map(|s| Rgb::from(s.map(|v| (v / weight) as f32))).collect()
+    }
+
     /// Variance of the weighted mean of the passes; `None` with fewer than two.
     pub fn variance_of_mean(&self) -> Option<Vec<Rgb>> {
         if self.passes < 2 {

@@ -38,6 +38,8 @@ pub struct Summary {
     /// Bytes of the largest set of photon maps held at once.
     pub photon_memory: usize,
     pub interrupted: bool,
+    /// The render's own estimate of its relMSE, where the plan tracks the error.
+    pub estimated_relmse: Option<f64>,
 }
 
 impl Summary {
