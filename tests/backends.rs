@@ -2,9 +2,12 @@
 //!
 //! Rays of three classes on three generated meshes: 2·10⁵ of each, 10⁷ with the feature `slow-tests`. The two back ends
 //! round differently, so they may differ where a ray passes within rounding error of an edge or runs along a surface.
-//! The same hit is the same triangle at the same point, to 10⁻⁵ of the scene. A *tie* is a pair of different triangles
-//! at distances within 10⁻⁵ of each other, relatively. A *graze* is any other difference that a disturbance of the
-//! direction by 10⁻⁵ makes the back ends show by themselves.
+//! The same hit is the same triangle at the same point, to 10⁻⁵ of the scene. Everything else is counted by kind:
+//! - a *tie*: different triangles, at distances within 10⁻⁵ of each other, relatively;
+//! - *glancing*: the same triangle at a small angle, with points that are farther apart along the ray but, measured
+//!   across the triangle, within 10⁻⁶ of the scene (seen: 5·10⁻⁸, at cosines of 6·10⁻⁴ to 4·10⁻³; the error is Embree's);
+//! - a *graze*: any other difference that a disturbance of the direction by 10⁻⁵ makes the back ends show by themselves;
+//! - *wrong*: the rest, of which there must be none.
 #![cfg(embree)]
 
 mod meshes;
@@ -26,6 +29,7 @@ struct Count {
     rays: u64,
     hits: u64,
     ties: u64,
+    glancing: u64,
     grazes: u64,
     wrong: u64,
 }
@@ -36,6 +40,7 @@ impl Count {
             rays: self.rays + o.rays,
             hits: self.hits + o.hits,
             ties: self.ties + o.ties,
+            glancing: self.glancing + o.glancing,
             grazes: self.grazes + o.grazes,
             wrong: self.wrong + o.wrong,
         }
@@ -46,6 +51,13 @@ impl Count {
 /// relative error of `t` has no bound.
 fn same(a: &Hit, b: &Hit, ray: &Ray) -> bool {
     a.prim == b.prim && (a.t - b.t).abs() * ray.d.length() <= 1e-5
+}
+
+/// Same triangle, met so obliquely that rounding across it moves the point along it.
+fn glancing(a: &Hit, b: &Hit, ray: &Ray, mesh: &TriangleMesh) -> bool {
+    let [p0, p1, p2] = mesh.triangle(a.prim).map(|p| p.as_dvec3());
+    let n = (p1 - p0).cross(p2 - p0).normalize();
+    a.prim == b.prim && (f64::from(a.t) - f64::from(b.t)).abs() * ray.d.as_dvec3().dot(n).abs() <= 1e-6
 }
 
 fn tie(a: &Hit, b: &Hit) -> bool {
@@ -74,7 +86,7 @@ fn is_graze(accels: [&Accel; 2], ray: &Ray, class: Class) -> bool {
     }
 }
 
-fn compare(embree: &Accel, bvh: &Accel, ray: &Ray, class: Class) -> Count {
+fn compare(embree: &Accel, bvh: &Accel, mesh: &TriangleMesh, ray: &Ray, class: Class) -> Count {
     let mut count = Count { rays: 1, ..Default::default() };
     if let Class::Shadow = class {
         let (a, b) = (embree.occluded(ray), bvh.occluded(ray));
@@ -90,6 +102,7 @@ fn compare(embree: &Accel, bvh: &Accel, ray: &Ray, class: Class) -> Count {
     match (a, b) {
         (None, None) => {}
         (Some(a), Some(b)) if same(&a, &b, ray) => {}
+        (Some(a), Some(b)) if glancing(&a, &b, ray, mesh) => count.glancing = 1,
         (Some(a), Some(b)) if tie(&a, &b) => count.ties = 1,
         _ => {
             let graze = is_graze([embree, bvh], ray, class);
@@ -111,12 +124,15 @@ fn agree(name: &str, mesh: TriangleMesh) {
         println!("{name}, {} triangles, {class:?}: {count:?}", set.shapes[0].primitives());
         assert!(count.rays > RAYS * 9 / 10 && count.hits > count.rays / 100, "{count:?}");
         assert_eq!(count.wrong, 0, "{class:?}: {count:?}");
-        assert!(count.ties <= count.rays / 1000 && count.grazes <= count.rays / 10_000, "{class:?}: {count:?}");
+        // Bounds that leave one event to the small number of rays; seen of 10⁷: up to 37 ties, 2 glancing, 11 grazes.
+        let few = |n: u64| n <= 2 + count.rays / 100_000;
+        assert!(few(count.ties) && few(count.glancing) && few(count.grazes), "{class:?}: {count:?}");
     }
 }
 
 fn count(set: &GeometrySet, embree: &Accel, bvh: &Accel, class: Class) -> Count {
-    let one = |i| ray(class, set, bvh, RAYS, i).map(|r| compare(embree, bvh, &r, class)).unwrap_or_default();
+    let Shape::Mesh(mesh) = &set.shapes[0] else { unreachable!("the set is one mesh") };
+    let one = |i| ray(class, set, bvh, RAYS, i).map(|r| compare(embree, bvh, mesh, &r, class)).unwrap_or_default();
     (0..RAYS).into_par_iter().map(one).reduce(Count::default, Count::add)
 }
 
