@@ -77,7 +77,7 @@ mod x86 {
     use core::arch::x86_64::*;
 
     use super::super::traverse::{FAR_SCALE, SlabRay};
-    use super::super::wide::{Block, Child, Node8, WIDTH};
+    use super::super::wide::{Block, Child, FLAT_LANES, FlatBlock, Node8, WIDTH};
     use super::*;
     use crate::geometry::ShearedRay;
 
@@ -101,6 +101,10 @@ mod x86 {
         k: [usize; 3],
         ko: [__m128; 3],
         s: [__m128; 2],
+        /// Shear of x and y, scale of z.
+        shear: [f32; 3],
+        /// Origin with permuted axes.
+        origin: [f32; 3],
     }
 
     impl Avx2 {
@@ -137,6 +141,8 @@ mod x86 {
                     k,
                     ko: [_mm_set1_ps(slab.o[k[0]]), _mm_set1_ps(slab.o[k[1]]), _mm_set1_ps(slab.o[k[2]])],
                     s: [_mm_set1_ps(sheared.s.x), _mm_set1_ps(sheared.s.y)],
+                    shear: [sheared.s.x, sheared.s.y, sheared.s.z],
+                    origin: [slab.o[k[0]], slab.o[k[1]], slab.o[k[2]]],
                 }
             }
         }
@@ -193,6 +199,12 @@ mod x86 {
                 mask | (_mm_movemask_ps(on_edge) as u32 & mask) << 8
             }
         }
+
+        #[inline(always)]
+        fn flat(&self, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
+            // SAFETY: this type exists only inside functions that enable AVX2.
+            unsafe { flat_avx2(self, block, limit, near) }
+        }
     }
 
     /// The same with mask registers.
@@ -223,6 +235,95 @@ mod x86 {
         #[inline(always)]
         fn block(&self, block: &Block) -> u32 {
             self.0.block(block)
+        }
+
+        #[inline(always)]
+        fn flat(&self, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
+            // SAFETY: this type exists only inside functions that enable AVX-512 F.
+            unsafe { flat_avx512(&self.0, block, limit, near) }
+        }
+    }
+
+    // Functions of their own, because closures have the instruction set of the function that they stand in.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn flat_avx2(r: &Avx2, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
+        let (mut pass, mut on_edge) = (0, 0);
+        for half in 0..2 {
+            // SAFETY: as in `slabs`; each half of a row is 32-byte aligned as the block is, the store is unaligned.
+            unsafe {
+                let [kx, ky, kz] = r.k;
+                let (sx, sy) = (_mm256_set1_ps(r.shear[0]), _mm256_set1_ps(r.shear[1]));
+                let corner = |v: usize| {
+                    let load = |k: usize, o: f32| {
+                        _mm256_sub_ps(_mm256_load_ps(block.v[v][k].as_ptr().add(8 * half)), _mm256_set1_ps(o))
+                    };
+                    let z = load(kz, r.origin[2]);
+                    (
+                        _mm256_sub_ps(load(kx, r.origin[0]), _mm256_mul_ps(sx, z)),
+                        _mm256_sub_ps(load(ky, r.origin[1]), _mm256_mul_ps(sy, z)),
+                        _mm256_mul_ps(z, _mm256_set1_ps(r.shear[2])),
+                    )
+                };
+                let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (corner(0), corner(1), corner(2));
+                let edge = |p, q, r, s| _mm256_sub_ps(_mm256_mul_ps(p, q), _mm256_mul_ps(r, s));
+                let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
+                let zero = _mm256_setzero_ps();
+                let low = _mm256_min_ps(_mm256_min_ps(u, v), w);
+                let high = _mm256_max_ps(_mm256_max_ps(u, v), w);
+                let first = _mm256_min_ps(_mm256_min_ps(az, bz), cz);
+                let last = _mm256_max_ps(_mm256_max_ps(az, bz), cz);
+                _mm256_storeu_ps(near.as_mut_ptr().add(8 * half), first);
+                let inside =
+                    _mm256_or_ps(_mm256_cmp_ps::<_CMP_GE_OQ>(low, zero), _mm256_cmp_ps::<_CMP_LE_OQ>(high, zero));
+                let within = _mm256_and_ps(
+                    _mm256_cmp_ps::<_CMP_GE_OQ>(last, zero),
+                    _mm256_cmp_ps::<_CMP_LE_OQ>(first, _mm256_set1_ps(limit)),
+                );
+                let edges =
+                    _mm256_or_ps(_mm256_cmp_ps::<_CMP_EQ_OQ>(low, zero), _mm256_cmp_ps::<_CMP_EQ_OQ>(high, zero));
+                pass |= (_mm256_movemask_ps(_mm256_and_ps(inside, within)) as u32) << (8 * half);
+                on_edge |= (_mm256_movemask_ps(edges) as u32) << (8 * half);
+            }
+        }
+        pass | (on_edge & pass) << FLAT_LANES
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx512f")]
+    fn flat_avx512(r: &Avx2, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
+        // SAFETY: this type exists only inside functions that enable AVX-512 F; rows are 64-byte aligned as the block
+        // is, the store is unaligned.
+        unsafe {
+            let [kx, ky, kz] = r.k;
+            let (sx, sy) = (_mm512_set1_ps(r.shear[0]), _mm512_set1_ps(r.shear[1]));
+            let corner = |v: usize| {
+                let load = |k: usize, o: f32| _mm512_sub_ps(_mm512_load_ps(block.v[v][k].as_ptr()), _mm512_set1_ps(o));
+                let z = load(kz, r.origin[2]);
+                (
+                    _mm512_sub_ps(load(kx, r.origin[0]), _mm512_mul_ps(sx, z)),
+                    _mm512_sub_ps(load(ky, r.origin[1]), _mm512_mul_ps(sy, z)),
+                    _mm512_mul_ps(z, _mm512_set1_ps(r.shear[2])),
+                )
+            };
+            let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (corner(0), corner(1), corner(2));
+            let edge = |p, q, r, s| _mm512_sub_ps(_mm512_mul_ps(p, q), _mm512_mul_ps(r, s));
+            let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
+            let zero = _mm512_setzero_ps();
+            let low = _mm512_min_ps(_mm512_min_ps(u, v), w);
+            let high = _mm512_max_ps(_mm512_max_ps(u, v), w);
+            let first = _mm512_min_ps(_mm512_min_ps(az, bz), cz);
+            let last = _mm512_max_ps(_mm512_max_ps(az, bz), cz);
+            let inside = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(low, zero) | _mm512_cmp_ps_mask::<_CMP_LE_OQ>(high, zero);
+            let within = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(last, zero)
+                & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(first, _mm512_set1_ps(limit));
+            let pass = inside & within;
+            if pass == 0 {
+                return 0;
+            }
+            _mm512_storeu_ps(near.as_mut_ptr(), first);
+            let on_edge = _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(low, zero) | _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(high, zero);
+            u32::from(pass) | u32::from(on_edge & pass) << FLAT_LANES
         }
     }
 }

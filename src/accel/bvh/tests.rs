@@ -172,7 +172,7 @@ fn agree(set: &Arc<GeometrySet>, rng: &mut Random, rays: usize) -> usize {
 #[test]
 fn hits_equal_brute_force() {
     let mut rng = Random::new(1);
-    for n in [0, 1, 2, 3, 4, 5, 8, 9, 33, 100, 1000] {
+    for n in [0, 1, 2, 3, 4, 5, 8, 9, 16, 17, 33, 48, 49, 100, 1000] {
         let set = mesh_set(soup(&mut rng, n, 0.3));
         let hits = agree(&set, &mut rng, 2000);
         assert!(hits > 100 || n < 100, "{hits}");

@@ -2,7 +2,7 @@
 
 use super::kernel::Kernel;
 use super::parts::KIND_QUADRIC;
-use super::wide::{Block, Child, LANES, Tree, WIDTH};
+use super::wide::{Block, Child, FLAT_LANES, Flat, LANES, Tree, WIDTH};
 use super::{Bvh, simd};
 use crate::geometry::{Hit, NO_INSTANCE, Ray, RefiningRay, Shape, ShearedRay, intersect_triangle};
 use crate::math::{Vec3, gamma};
@@ -96,6 +96,9 @@ pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray
     let (nodes, blocks) = (&tree.nodes[..], &tree.blocks[..]);
     let slab = SlabRay::new(ray);
     let kernel = K::new(&slab, &sheared);
+    if let Some(flat) = &tree.flat {
+        return test_all::<K, ANY>(bvh, tree, flat, ray, &kernel, &sheared, placed, best);
+    }
     let refining = RefiningRay::new(ray, sheared.k);
     let mut stack = [const { std::mem::MaybeUninit::<u64>::uninit() }; STACK];
     let mut size = 0;
@@ -225,6 +228,58 @@ fn test_block<K: Kernel>(
         if let Some((t, u, v)) = hit {
             best.offer(t, u, v, (placed, block.id[lane]));
         }
+    }
+}
+
+/// Tests everything in a tree that is hardly one.
+#[inline(always)]
+#[allow(clippy::too_many_arguments)]
+fn test_all<K: Kernel, const ANY: bool>(
+    bvh: &Bvh,
+    tree: &Tree,
+    flat: &Flat,
+    ray: &Ray,
+    kernel: &K,
+    sheared: &ShearedRay,
+    placed: u32,
+    best: &mut Best,
+) {
+    let refining = RefiningRay::new(ray, sheared.k);
+    let mut near = [0f32; FLAT_LANES];
+    for block in &flat.blocks {
+        let mut mask = kernel.flat(block, best.t * FAR_SCALE, &mut near);
+        while mask & 0xffff != 0 {
+            let lane = mask.trailing_zeros() as usize % FLAT_LANES;
+            let on_edge = mask >> (FLAT_LANES + lane) & 1 != 0;
+            mask &= mask - 1;
+            // A triangle may lie beyond a hit that was found since the mask was made.
+            if near[lane] > best.t * FAR_SCALE {
+                continue;
+            }
+            // Written out, as in the kernels: closures handed to `map` are calls.
+            let k = sheared.k;
+            let [x, y, z] = if on_edge { [0, 1, 2] } else { k };
+            let [a, b, c] = &block.v;
+            let tri = [
+                [a[x][lane], a[y][lane], a[z][lane]],
+                [b[x][lane], b[y][lane], b[z][lane]],
+                [c[x][lane], c[y][lane], c[z][lane]],
+            ];
+            let hit = if on_edge {
+                intersect_triangle(ray, sheared, tri.map(Vec3::from_array))
+            } else {
+                refining.refine(tri, ray.tmax)
+            };
+            if let Some((t, u, v)) = hit {
+                best.offer(t, u, v, (placed, block.id[lane]));
+                if ANY && best.found {
+                    return;
+                }
+            }
+        }
+    }
+    for &child in &flat.singles {
+        single::<ANY>(bvh, tree, ray, child, placed, best);
     }
 }
 

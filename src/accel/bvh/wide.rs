@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::binned::{Node2, PrimRef};
 use super::pages::Pages;
-use super::parts::{KIND_TRIANGLE, Parts};
+use super::parts::{KIND_QUADRIC, KIND_TRIANGLE, Parts};
 use crate::math::Bounds3;
 
 /// Children of a node.
@@ -145,6 +145,54 @@ impl Block {
     }
 }
 
+/// Triangles of a [`FlatBlock`].
+pub(super) const FLAT_LANES: usize = 16;
+/// Most triangles for which testing all of them is faster than walking a tree.
+const FLAT_TRIANGLES: usize = 48;
+/// Most analytic shapes beside them.
+const FLAT_SINGLES: usize = 4;
+
+/// Sixteen triangles side by side, as in [`Block`].
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FlatBlock {
+    pub v: [[[f32; FLAT_LANES]; 3]; 3],
+    pub id: [u32; FLAT_LANES],
+}
+
+/// Everything in a group so small that a tree does not pay: every ray tests all of it.
+#[derive(Debug)]
+pub(super) struct Flat {
+    pub blocks: Vec<FlatBlock>,
+    pub singles: arrayvec::ArrayVec<Child, FLAT_SINGLES>,
+}
+
+impl Flat {
+    /// `None` when there is too much, or an instance, or nothing.
+    fn new(refs: &[PrimRef], parts: &Parts) -> Option<Self> {
+        let count = |kind| refs.iter().filter(|r| r.kind() == kind).count();
+        let (triangles, quadrics) = (count(KIND_TRIANGLE), count(KIND_QUADRIC));
+        let fits = triangles <= FLAT_TRIANGLES && quadrics <= FLAT_SINGLES && triangles + quadrics == refs.len();
+        if !fits || refs.is_empty() {
+            return None;
+        }
+        let empty = FlatBlock { v: [[[f32::NAN; FLAT_LANES]; 3]; 3], id: [u32::MAX; FLAT_LANES] };
+        let mut flat = Self { blocks: vec![empty; triangles.div_ceil(FLAT_LANES)], singles: Default::default() };
+        for (i, r) in refs.iter().filter(|r| r.kind() == KIND_TRIANGLE).enumerate() {
+            let (block, lane) = (&mut flat.blocks[i / FLAT_LANES], i % FLAT_LANES);
+            for (corner, p) in block.v.iter_mut().zip(parts.triangle(r.id())) {
+                for axis in 0..3 {
+                    corner[axis][lane] = p[axis];
+                }
+            }
+            block.id[lane] = r.id();
+        }
+        let singles = refs.iter().filter(|r| r.kind() != KIND_TRIANGLE);
+        flat.singles.extend(singles.map(|r| Child::single(r.kind(), r.id())));
+        Some(flat)
+    }
+}
+
 /// The finished tree over one group of shapes.
 #[derive(Debug)]
 pub(super) struct Tree {
@@ -153,6 +201,8 @@ pub(super) struct Tree {
     pub root: Child,
     pub bounds: Bounds3,
     pub parts: Parts,
+    /// What is searched in place of the tree where there is next to nothing in it.
+    pub flat: Option<Flat>,
 }
 
 /// Counts of what a subtree needs, stored at its root until the tree is filled.
@@ -246,6 +296,7 @@ pub(super) fn collapse(nodes2: &[Node2], refs: &[PrimRef], parts: Parts) -> Opti
             root: Child::NONE,
             bounds: Bounds3::EMPTY,
             parts,
+            flat: None,
         });
     };
     let mut sizes = vec![Size::default(); nodes2.len()];
@@ -271,7 +322,8 @@ pub(super) fn collapse(nodes2: &[Node2], refs: &[PrimRef], parts: Parts) -> Opti
     if inner == 1 {
         fill(job, refs, &parts);
     }
-    Some(Tree { nodes, blocks, root, bounds, parts })
+    let flat = Flat::new(refs, &parts);
+    Some(Tree { nodes, blocks, root, bounds, parts, flat })
 }
 
 /// Fills the blocks of one leaf.
