@@ -85,7 +85,7 @@ pub struct RenderArgs {
     /// Image to write (.exr, .png, .hdr, .pfm); may be given many times. Default: the scene's name with .exr.
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
-    /// Integrator, in place of the scene's: path, direct, photonmapper.
+    /// Integrator, in place of the scene's: path, direct, photonmapper, ppm, sppm.
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// Samples per pixel, in place of the scene's.

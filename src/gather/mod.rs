@@ -1,8 +1,10 @@
 //! Estimates of radiance at a point: direct light, density of photons, final gather.
 
 mod direct;
+mod fixed;
 mod irradiance;
 mod photons;
 
 pub use direct::{power_heuristic, sample_direct};
+pub use fixed::{RadiusEstimate, RadiusMap};
 pub use photons::{LookupSettings, MapEstimate, PhotonMaps};

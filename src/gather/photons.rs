@@ -34,7 +34,7 @@ pub struct MapEstimate {
 }
 
 /// Photons whose surface is turned further than this (60°) from the one they are gathered on do not count.
-const MIN_NORMAL_COS: f32 = 0.5;
+pub(super) const MIN_NORMAL_COS: f32 = 0.5;
 
 /// Cosine to the geometric normal below which a stored direction is lifted: quantisation may have put it below the horizon.
 const MIN_COS: f32 = 1e-3;
@@ -57,7 +57,7 @@ pub struct PhotonMaps {
 
 thread_local! {
     /// Buffers of queries; results do not depend on what they were used for before.
-    static SCRATCH: RefCell<KnnScratch> = RefCell::new(KnnScratch::new());
+    pub(super) static SCRATCH: RefCell<KnnScratch> = RefCell::new(KnnScratch::new());
 }
 
 impl PhotonMaps {
@@ -196,7 +196,7 @@ impl Lookup {
 
 /// A stored direction put back on the side of the surface that the photon is known to have come from.
 #[inline]
-fn above_horizon(wi: Vec3, ng: Vec3, front: bool) -> Vec3 {
+pub(super) fn above_horizon(wi: Vec3, ng: Vec3, front: bool) -> Vec3 {
     let n = if front { ng } else { -ng };
     let cos = wi.dot(n);
     if cos >= MIN_COS { wi } else { (wi + n * (MIN_COS - cos)).normalize() }

@@ -3,13 +3,17 @@
 mod direct;
 mod path;
 mod photonmapper;
+pub mod sppm;
 
 pub use direct::Direct;
 pub use path::Path;
 pub use photonmapper::{PhotonMapper, PhotonMapperSettings};
+pub use sppm::{Sppm, SppmSettings};
 
+use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::camera::CameraRay;
 use crate::color::Rgb;
+use crate::geometry::{Ray, SurfaceInteraction};
 use crate::sample::Sampler;
 use crate::scene::Scene;
 use crate::shoot::{CERTAIN_SURVIVAL, MANY_EDGES};
@@ -55,4 +59,12 @@ fn roulette(beta: &mut Rgb, eta: f32, depth: u32, rr_depth: u32, sampler: &mut S
         }
     }
     true
+}
+
+/// Continues a path through the specular and sharp glossy lobes.
+#[inline]
+fn specular_bounce(si: &SurfaceInteraction, bsdf: &Bsdf, sampler: &mut Sampler) -> Option<(Ray, Rgb, f32)> {
+    let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+    let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SPECULAR)?;
+    Some((Ray::new(si.spawn_origin(s.wi), s.wi), s.weight, s.eta))
 }

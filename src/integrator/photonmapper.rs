@@ -10,7 +10,7 @@
 //! | `L S⁺ D S* E` | caustic map at D |
 //! | `L (S\|D)* D S* D S* E` | gather ray from the last D through S* to a D, where the global map is read |
 
-use super::{CameraSample, Integrator, MaxDepth, roulette};
+use super::{CameraSample, Integrator, MaxDepth, roulette, specular_bounce};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::gather::{LookupSettings, PhotonMaps, power_heuristic, sample_direct};
@@ -228,11 +228,3 @@ impl PhotonMapper<'_> {
 
 /// Gather rays that may follow one another in a corner before the map is read all the same.
 const MAX_NESTED_GATHER: u32 = 4;
-
-/// Continues a path through the specular and sharp glossy lobes.
-#[inline]
-fn specular_bounce(si: &SurfaceInteraction, bsdf: &Bsdf, sampler: &mut Sampler) -> Option<(Ray, Rgb, f32)> {
-    let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-    let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SPECULAR)?;
-    Some((Ray::new(si.spawn_origin(s.wi), s.wi), s.weight, s.eta))
-}

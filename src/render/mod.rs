@@ -3,6 +3,7 @@
 mod doubt;
 mod pass;
 mod plan;
+mod progressive;
 mod session;
 mod spread;
 mod summary;

@@ -1,7 +1,7 @@
 use std::ops::Range;
 
 use crate::gather::LookupSettings;
-use crate::integrator::{Direct, MaxDepth, Path, PhotonMapperSettings};
+use crate::integrator::{Direct, MaxDepth, Path, PhotonMapperSettings, SppmSettings};
 use crate::scene::{IntegratorSettings, Scene};
 
 /// The recipe of a render with all its parameters.
@@ -10,6 +10,8 @@ pub enum Method {
     Path(Path),
     Direct(Direct),
     PhotonMapper(PhotonMapperSettings),
+    Ppm(SppmSettings),
+    Sppm(SppmSettings),
 }
 
 impl Method {
@@ -18,12 +20,14 @@ impl Method {
             Method::Path(_) => "path",
             Method::Direct(_) => "direct",
             Method::PhotonMapper(_) => "photonmapper",
+            Method::Ppm(_) => "ppm",
+            Method::Sppm(_) => "sppm",
         }
     }
 }
 
 /// The names that [`Plan::new`] knows.
-pub const METHODS: [&str; 3] = ["path", "direct", "photonmapper"];
+pub const METHODS: [&str; 5] = ["path", "direct", "photonmapper", "ppm", "sppm"];
 
 /// What the command line says in place of the scene file.
 #[derive(Clone, Debug, Default)]
@@ -92,6 +96,8 @@ impl Plan {
             "path" => Method::Path(path(settings)),
             "direct" => Method::Direct(direct(settings, own)),
             "photonmapper" => Method::PhotonMapper(photonmapper(settings, own, o.photons, spp)),
+            "ppm" => Method::Ppm(sppm(scene, own, o.photons)),
+            "sppm" => Method::Sppm(sppm(scene, own, o.photons)),
             other if KNOWN_LATER.contains(&other) => {
                 return Err(PlanError::NotYetSupported { found: other.to_owned() });
             }
@@ -99,12 +105,19 @@ impl Plan {
         };
         // Time and a wanted error end a render between passes.
         let open = o.timed || o.target_error.is_some();
-        let spp_per_pass = match (&method, o.passes) {
-            (_, Some(passes)) => spp.div_ceil(passes),
+        let max_passes = settings.integer("max_passes").filter(|_| own).and_then(|n| u64::try_from(n).ok());
+        let (spp, spp_per_pass) = match (&method, o.passes) {
+            // A pass of fresh photons takes one camera sample, unless both numbers are asked for.
+            (Method::Ppm(_) | Method::Sppm(_), passes) => match (passes.or(max_passes), o.spp) {
+                (Some(passes), Some(spp)) => (spp, spp.div_ceil(passes.max(1))),
+                (Some(passes), None) => (passes.max(1), 1),
+                (None, _) => (spp, 1),
+            },
+            (_, Some(passes)) => (spp, spp.div_ceil(passes)),
             // New maps for each pass are worth having only where somebody asked for passes, time or error.
-            (Method::PhotonMapper(_), None) if !open && !o.track_error => spp,
+            (Method::PhotonMapper(_), None) if !open && !o.track_error => (spp, spp),
             // Short passes, so that a render can be stopped; powers of two keep the samples stratified.
-            _ => (spp / 8).next_power_of_two().clamp(1, 16).min(spp),
+            _ => (spp, (spp / 8).next_power_of_two().clamp(1, 16).min(spp)),
         };
         let bounded = !open || o.spp.is_some() || o.passes.is_some();
         Ok(Self {
@@ -128,7 +141,7 @@ impl Plan {
 }
 
 /// Integrators that the scene format names and that are not built yet.
-const KNOWN_LATER: [&str; 8] = ["ptracer", "bdpt", "ppm", "sppm", "vcm", "volpath", "volpathmis", "auto"];
+const KNOWN_LATER: [&str; 6] = ["ptracer", "bdpt", "vcm", "volpath", "volpathmis", "auto"];
 
 fn max_depth(s: &IntegratorSettings) -> MaxDepth {
     let d = s.integer("max_depth").unwrap_or(-1);
@@ -140,6 +153,26 @@ fn path(s: &IntegratorSettings) -> Path {
         max_depth: max_depth(s),
         rr_depth: s.integer("rr_depth").unwrap_or(5).max(1) as u32,
         hide_emitters: s.boolean("hide_emitters").unwrap_or(false),
+    }
+}
+
+fn sppm(scene: &Scene, own: bool, photons: Option<u64>) -> SppmSettings {
+    let s = &scene.integrator;
+    let integer = |name: &str| s.integer(name).filter(|_| own).and_then(|v| u64::try_from(v).ok()).filter(|&v| v > 0);
+    let float = |name: &str| s.float(name).filter(|_| own);
+    let pixels = (scene.film.width as u64 * scene.film.height as u64).clamp(16_384, 1 << 22);
+    SppmSettings {
+        max_depth: max_depth(s),
+        rr_depth: s.integer("rr_depth").unwrap_or(5).max(1) as u32,
+        hide_emitters: s.boolean("hide_emitters").unwrap_or(false),
+        photon_count: photons.or(integer("photon_count")).or(integer("photons_per_pass")).unwrap_or(pixels),
+        alpha: float("alpha").map_or(2.0 / 3.0, f64::from),
+        // Given in the lengths of the scene file; 0 measures it.
+        initial_radius: float("initial_radius").filter(|&r| r > 0.0).map(|r| (r as f64 * scene.to_scene.scale) as f32),
+        lookup_size: integer("lookup_size").unwrap_or(40).min(1 << 20) as u32,
+        clamp: (0.5, 4.0),
+        radius_floor: float("radius_floor").unwrap_or(0.0),
+        shared_statistics: s.boolean("shared_statistics").filter(|_| own).unwrap_or(false),
     }
 }
 

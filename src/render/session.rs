@@ -1,4 +1,4 @@
-use super::{Control, Method, Plan, Summary, doubt::Doubt, render_pass};
+use super::{Control, Method, Plan, Summary, doubt::Doubt, progressive::Progressive, render_pass};
 use crate::color::Rgb;
 use crate::film::Film;
 use crate::gather::PhotonMaps;
@@ -20,6 +20,8 @@ pub struct Session<'s> {
     pub(super) doubt: Option<Doubt>,
     /// The number of the next pass.
     pub(super) next: u64,
+    /// What progressive photon mapping keeps; made by its first step.
+    pub(super) progressive: Option<Progressive>,
     pub summary: Summary,
 }
 
@@ -32,6 +34,7 @@ impl<'s> Session<'s> {
             doubt: plan.track_error.then(|| Doubt::new(&film, plan.track_bias)),
             film,
             next: plan.passes.start,
+            progressive: None,
             summary: Summary::new(plan),
             plan: plan.clone(),
         }
@@ -69,6 +72,9 @@ impl<'s> Session<'s> {
             }
             Method::Direct(d) => {
                 self.summary.time("render", || render_pass(scene, &d, &mut film, seed, samples, &report))
+            }
+            Method::Ppm(settings) | Method::Sppm(settings) => {
+                self.progressive_pass(&settings, &mut film, samples, control, &report)
             }
             Method::PhotonMapper(settings) => {
                 let mut maps = self.build_maps(&settings, control);

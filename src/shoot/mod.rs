@@ -47,11 +47,12 @@ pub struct Shot {
 /// The number of emitted paths is chosen from a pilot so that about `settings.photons` are stored; it does not depend on
 /// what the real paths do, so stored powers are unbiased. The result is the same for any number of threads.
 pub fn shoot(scene: &Scene, settings: &ShootSettings) -> Shot {
-    if settings.photons == 0 || scene.selector.is_empty() {
-        return Shot::default();
-    }
-    let emitted = paths_for(scene, settings);
-    if emitted == 0 {
+    shoot_paths(scene, settings, paths_for(scene, settings))
+}
+
+/// As [`shoot`] with a number of emitted paths that is known: many passes over one scene share one pilot.
+pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emitted: u64) -> Shot {
+    if emitted == 0 || scene.selector.is_empty() {
         return Shot::default();
     }
     let key = Key::new(settings.seed, settings.target.purpose(), settings.pass);
@@ -80,9 +81,12 @@ pub fn shoot(scene: &Scene, settings: &ShootSettings) -> Shot {
     shot
 }
 
-/// The number of paths that is expected to store `settings.photons` photons.
-fn paths_for(scene: &Scene, settings: &ShootSettings) -> u64 {
+/// The number of paths that is expected to store `settings.photons` photons; the same for every pass.
+pub fn paths_for(scene: &Scene, settings: &ShootSettings) -> u64 {
     const PILOT: u64 = 4 * PATHS_PER_BATCH;
+    if settings.photons == 0 || scene.selector.is_empty() {
+        return 0;
+    }
     let key = Key::new(settings.seed, Purpose::Pilot, settings.target.purpose() as u64);
     let stored: u64 = (0..PILOT / PATHS_PER_BATCH)
         .into_par_iter()

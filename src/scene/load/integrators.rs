@@ -13,6 +13,8 @@ enum Kind {
     Count,
     /// Above zero.
     Size,
+    /// Zero or above.
+    Length,
     /// Between 0 and 1.
     Fraction,
     Switch,
@@ -67,10 +69,13 @@ const INTEGRATORS: &[(&str, Params)] = &[
 
 const PROGRESSIVE: Params = &[
     ("photon_count", Count),
-    ("initial_radius", Size),
+    ("initial_radius", Length),
     ("alpha", Fraction),
     ("max_passes", Depth),
     ("photons_per_pass", Count),
+    ("lookup_size", Count),
+    ("radius_floor", Length),
+    ("shared_statistics", Switch),
 ];
 
 /// Integrators of Mitsuba that are known and not here.
@@ -125,6 +130,12 @@ fn parameter(q: &Query, name: &str, kind: Kind) -> Result<Option<ParamValue>, Sc
             None
         }
         Size => Some(ParamValue::Float(q.positive(name, 1.0)?)),
+        Length => match q.float(name)? {
+            Some(v) if !(v >= 0.0 && v.is_finite()) => {
+                return Err(q.error_at(name, format!("\"{name}\" is {v}")).help("it must be zero or above"));
+            }
+            v => v.map(ParamValue::Float),
+        },
         Fraction => match q.float(name)? {
             Some(v) if !(0.0..=1.0).contains(&v) => {
                 return Err(q.error_at(name, format!("\"{name}\" is {v}")).help("it must be between 0 and 1"));

@@ -1,0 +1,84 @@
+//! Radiance from a photon map by density estimation within a radius that is known beforehand, as progressive methods do.
+
+use super::photons::{MIN_NORMAL_COS, SCRATCH, above_horizon};
+use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::color::Rgb;
+use crate::geometry::SurfaceInteraction;
+use crate::math::INV_PI;
+use crate::photon::{Kernel, PhotonMap};
+use crate::tally::Counters;
+
+/// A photon map that is read within given radii.
+pub struct RadiusMap {
+    map: PhotonMap,
+    kernel: Kernel,
+}
+
+/// A density estimate within a given radius.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RadiusEstimate {
+    /// W·m⁻²·sr⁻¹.
+    pub radiance: Rgb,
+    /// Photons that added to it: neither those of the other side or of another surface, nor those that scatter nothing.
+    pub count: u32,
+}
+
+impl RadiusMap {
+    /// `None` for an empty map, which adds nothing anywhere.
+    pub fn new(map: PhotonMap, kernel: Kernel) -> Option<Self> {
+        (!map.is_empty()).then_some(Self { map, kernel })
+    }
+
+    pub fn memory(&self) -> usize {
+        self.map.memory()
+    }
+
+    /// `L = Σ f(wo, wi)·Φ·K(d)` over the photons of this side of this surface within `r_sq`: unbiased for the average of
+    /// the radiance under the kernel. Radiance leaves `si` towards `si.wo` through its diffuse and wide glossy lobes.
+    #[inline]
+    pub fn estimate(&self, si: &SurfaceInteraction, bsdf: &Bsdf, r_sq: f32, counters: &mut Counters) -> RadiusEstimate {
+        counters.photon_queries += 1;
+        if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE) {
+            let mut e = self.sum(si, Some(si.wo.dot(si.ng) > 0.0), r_sq, |i| self.map.power(i));
+            e.radiance = albedo * INV_PI * e.radiance;
+            return e;
+        }
+        let side = if bsdf.transmits(LobeMask::SMOOTH_WIDE) { None } else { Some(si.wo.dot(si.ng) > 0.0) };
+        self.sum(si, side, r_sq, |i| {
+            let wi = above_horizon(self.map.direction(i), si.ng, self.map.side(i));
+            // eval() has |wi·ns|; what photons count is flux through the geometric surface, |wi·ng|.
+            bsdf.eval(si.wo, wi, Mode::Radiance, LobeMask::SMOOTH_WIDE) * self.map.power(i) / wi.dot(si.ng).abs()
+        })
+    }
+
+    #[inline(always)]
+    fn sum(&self, si: &SurfaceInteraction, side: Option<bool>, r_sq: f32, term: impl Fn(u32) -> Rgb) -> RadiusEstimate {
+        let mut e = RadiusEstimate::default();
+        SCRATCH.with_borrow_mut(|scratch| {
+            self.map.within(si.p, r_sq, scratch, |i, d_sq| {
+                let flags = self.map.flags(i);
+                if side.is_some_and(|s| flags.side() != s) || flags.normal().dot(si.ng) <= MIN_NORMAL_COS {
+                    return;
+                }
+                let term = term(i);
+                if !term.is_black() {
+                    e.radiance += term * self.kernel.weight(d_sq, r_sq);
+                    e.count += 1;
+                }
+            });
+        });
+        e
+    }
+
+    /// The squared distance of the `size`-th nearest photon on this side of this surface, at most `max_r_sq`.
+    pub fn nearest_radius_sq(&self, si: &SurfaceInteraction, size: usize, max_r_sq: f32) -> f32 {
+        let front = si.wo.dot(si.ng) > 0.0;
+        SCRATCH.with_borrow_mut(|scratch| {
+            let found = self.map.nearest_where(si.p, size, max_r_sq, scratch, |i| {
+                let flags = self.map.flags(i);
+                flags.side() == front && flags.normal().dot(si.ng) > MIN_NORMAL_COS
+            });
+            found.radius_sq
+        })
+    }
+}

@@ -1,0 +1,221 @@
+//! Progressive photon mapping: passes of fresh photons and fresh camera paths whose radii shrink so that both noise and
+//! blur vanish in the average [Hachisuka and Jensen 2009, Knaus and Zwicker 2011].
+//!
+//! Camera paths go through specular and sharp glossy lobes to points with diffuse or wide glossy lobes, where two photon
+//! maps are read, each within its own radius. With L the light, E the eye, D a diffuse or wide glossy vertex and S a
+//! specular or sharp glossy one, every path is counted once:
+//!
+//! | paths | estimator |
+//! |---|---|
+//! | `L S* E` | camera path |
+//! | `L D S* E` | shadow ray, with MIS against a ray that the lobes at D chose |
+//! | `L S⁺ D S* E` | caustic photons at D |
+//! | `L (S\|D)* D S* D S* E` | indirect photons at the last D |
+//!
+//! Under a depth limit the photons' paths are as long as fits a camera path of one edge; what the camera sees through
+//! specular surfaces may then be longer by the edges of that chain.
+
+mod radii;
+mod schedule;
+
+pub use radii::{FoundPhotons, KINDS, PixelRadii, Radii, SharedStatistics};
+pub use schedule::{SharedRadius, radius_sq_ratio};
+
+use super::{CameraSample, Integrator, MaxDepth, roulette, specular_bounce};
+use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::color::Rgb;
+use crate::gather::{RadiusMap, power_heuristic, sample_direct};
+use crate::geometry::{Ray, SurfaceInteraction};
+use crate::sample::{Sampler, Sequence};
+use crate::scene::Scene;
+use crate::shoot::{ShootSettings, Target, WalkSettings};
+use crate::tally::Counters;
+
+/// Parameters of `ppm` and `sppm`, named as in Mitsuba 0.6.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SppmSettings {
+    pub max_depth: MaxDepth,
+    pub rr_depth: u32,
+    pub hide_emitters: bool,
+    /// Photons wanted in each map of a pass, by default as many as the picture has pixels.
+    pub photon_count: u64,
+    /// How fast radii shrink: 1 keeps them, 2/3 converges fastest.
+    pub alpha: f64,
+    /// First radius of all pixels, scene units; `None` measures one for each pixel.
+    pub initial_radius: Option<f32>,
+    /// Photons that the measured first radius holds.
+    pub lookup_size: u32,
+    /// Least and largest measured first radius, in pixel footprints.
+    pub clamp: (f32, f32),
+    /// Radii stop shrinking at this many pixel footprints. Above 0 the image keeps a blur of that size: a declared bias.
+    pub radius_floor: f32,
+    /// Radii by the photons that each pixel has found [Hachisuka and Jensen 2009] rather than by the pass's number: passes
+    /// then depend on those before.
+    pub shared_statistics: bool,
+}
+
+/// The maps of a pass, and the pass number of the pilot, that no pass of a picture has.
+pub const PILOT_PASS: u64 = u64::MAX;
+
+impl SppmSettings {
+    /// How the photons of one map are shot.
+    pub fn shoot_settings(&self, seed: u64, pass: u64, target: Target, sequence: Sequence) -> ShootSettings {
+        // The camera path adds an edge.
+        let max_depth = self.max_depth.map(|d| d.saturating_sub(1));
+        let walk = WalkSettings { max_depth, rr_depth: 1, sequence };
+        ShootSettings {
+            seed,
+            pass,
+            target,
+            walk,
+            photons: self.photon_count,
+            max_paths: self.photon_count.saturating_mul(2),
+        }
+    }
+
+    /// The kinds of photons that can exist, in the order of [`PassMaps::kind`].
+    pub fn targets(&self) -> impl Iterator<Item = Target> {
+        let enough = self.max_depth.is_none_or(|d| d > 2);
+        [Target::Caustic, Target::Indirect].into_iter().filter(move |_| enough)
+    }
+}
+
+/// The photon maps of one pass.
+#[derive(Default)]
+pub struct PassMaps {
+    pub caustic: Option<RadiusMap>,
+    pub indirect: Option<RadiusMap>,
+}
+
+impl PassMaps {
+    #[inline]
+    pub fn kind(&self, kind: usize) -> Option<&RadiusMap> {
+        if kind == 0 { self.caustic.as_ref() } else { self.indirect.as_ref() }
+    }
+
+    /// Bytes of both maps.
+    pub fn memory(&self) -> usize {
+        [&self.caustic, &self.indirect].into_iter().flatten().map(RadiusMap::memory).sum()
+    }
+}
+
+/// One pass.
+pub struct Sppm<'a> {
+    pub settings: SppmSettings,
+    pub maps: &'a PassMaps,
+    pub radii: &'a Radii,
+    /// Squared radius of this pass over that of the first, where radii follow the pass's number.
+    pub shrink: f32,
+    /// Otherwise the radii of this pass, and where to count the photons found.
+    pub shared: Option<(&'a SharedStatistics, &'a FoundPhotons)>,
+    /// Some light can be met by a ray.
+    pub visible_lights: bool,
+}
+
+impl Integrator for Sppm<'_> {
+    fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
+        let pixel = self.radii.index(sample.pixel);
+        let mut radiance = Rgb::BLACK;
+        let mut beta = Rgb::splat(sample.camera_ray.weight);
+        let mut ray = sample.camera_ray.ray;
+        let mut eta = 1.0f32;
+        let mut depth = 0u32;
+        let max_depth = self.settings.max_depth.unwrap_or(u32::MAX);
+        let mut hide = self.settings.hide_emitters;
+        while depth < max_depth {
+            counters.camera_rays += 1;
+            let Some(hit) = scene.hit(&ray) else {
+                if !hide {
+                    radiance += beta * scene.environment_radiance(ray.d);
+                }
+                break;
+            };
+            let si = scene.interaction(&ray, &hit);
+            if scene.is_emitter(&si) {
+                if hide {
+                    ray.o = si.spawn_origin(ray.d);
+                    continue;
+                }
+                radiance += beta * scene.emitted(&si, si.wo);
+            }
+            hide = false;
+            depth += 1;
+            if depth >= max_depth {
+                break;
+            }
+            // Estimate everything that leaves through the diffuse and wide glossy lobes here.
+            let bsdf = scene.bsdf(&si);
+            if bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
+                radiance += beta * self.direct(scene, &si, &bsdf, sampler, counters);
+                radiance += beta * self.photons(pixel, &si, &bsdf, counters);
+            }
+            // Follow the specular and sharp glossy ones.
+            if !bsdf.lobes().intersects(LobeMask::SPECULAR) {
+                break;
+            }
+            let Some((next, weight, eta_crossed)) = specular_bounce(&si, &bsdf, sampler) else { break };
+            beta *= weight;
+            eta *= eta_crossed;
+            ray = next;
+            if !roulette(&mut beta, eta, depth, self.settings.rr_depth, sampler) {
+                break;
+            }
+        }
+        radiance
+    }
+}
+
+impl Sppm<'_> {
+    /// Light that comes straight from a light, by one shadow ray and one ray that the lobes choose.
+    fn direct(
+        &self,
+        scene: &Scene,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        sampler: &mut Sampler,
+        counters: &mut Counters,
+    ) -> Rgb {
+        let share = if self.visible_lights { 1.0 } else { 0.0 };
+        let mut sum = sample_direct(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, sampler, counters);
+        if !self.visible_lights {
+            return sum;
+        }
+        let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+        if let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SMOOTH_WIDE) {
+            counters.camera_rays += 1;
+            let ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+            let (emitted, pdf_light) = match scene.hit(&ray) {
+                Some(hit) if scene.shape_lights[hit.shape as usize].is_some() => {
+                    let hit = scene.interaction(&ray, &hit);
+                    (scene.emitted(&hit, hit.wo), scene.pdf_direct(si.p, &hit))
+                }
+                Some(_) => (Rgb::BLACK, 0.0),
+                None => (scene.environment_radiance(ray.d), scene.pdf_environment(si.p, ray.d)),
+            };
+            if !emitted.is_black() {
+                sum += s.weight * emitted * power_heuristic(s.pdf, pdf_light);
+            }
+        }
+        sum
+    }
+
+    /// Light that photons have brought.
+    #[inline]
+    fn photons(&self, pixel: usize, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> Rgb {
+        let radii = self.radii.pixel(pixel);
+        let mut sum = Rgb::BLACK;
+        for kind in 0..KINDS {
+            let Some(map) = self.maps.kind(kind) else { continue };
+            let r_sq = match self.shared {
+                None => radii.first_sq[kind] * self.shrink,
+                Some((shared, _)) => shared.pixels[pixel][kind].radius_sq,
+            };
+            let estimate = map.estimate(si, bsdf, r_sq.max(radii.floor_sq), counters);
+            sum += estimate.radiance;
+            if let Some((_, found)) = self.shared {
+                found.add(pixel, kind, estimate.count);
+            }
+        }
+        sum
+    }
+}

@@ -1,0 +1,184 @@
+//! The first radius of every pixel, and the statistics that its passes share.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use rayon::prelude::*;
+
+use super::{PassMaps, SharedRadius, SppmSettings};
+use crate::bsdf::{LobeMask, Mode};
+use crate::camera::{CameraRay, FilmWindow};
+use crate::geometry::{Ray, SurfaceInteraction};
+use crate::math::Vec2;
+use crate::sample::{Key, Purpose, Sampler};
+use crate::scene::Scene;
+
+/// Kinds of photons that have radii of their own: caustic and indirect.
+pub const KINDS: usize = 2;
+
+/// Specular surfaces that the pilot looks through.
+const MAX_CHAIN: u32 = 16;
+
+/// Squared radii of a pixel, scene units.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PixelRadii {
+    /// Of the first pass, for caustic and for indirect photons.
+    pub first_sq: [f32; KINDS],
+    /// Below this no radius shrinks.
+    pub floor_sq: f32,
+}
+
+/// The first radii of all pixels.
+#[derive(Clone, Debug)]
+pub struct Radii {
+    window: FilmWindow,
+    pixels: Vec<PixelRadii>,
+}
+
+impl Radii {
+    /// Measures the first radii with the maps of a pilot pass: the distance of the k-th photon from what the middle of the
+    /// pixel sees, held between `settings.clamp` pixel footprints. `initial_radius` overrides it.
+    pub fn measure(scene: &Scene, settings: &SppmSettings, pilot: &PassMaps, seed: u64) -> Self {
+        let window = scene.camera.window();
+        let (w, h) = window.crop_size;
+        let key = Key::new(seed, Purpose::Pilot, PIXELS);
+        let seen: Vec<Option<PixelRadii>> = (0..w as usize * h as usize)
+            .into_par_iter()
+            .map(|i| {
+                let (x, y) = (i as u32 % w + window.crop_offset.0, i as u32 / w + window.crop_offset.1);
+                let mut sampler = Sampler::new(scene.sampler.sequence, key.with(((y as u64) << 32) | x as u64), 0);
+                let camera_ray = scene.camera.generate_ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), Vec2::splat(0.5));
+                let (si, distance) = visible_point(scene, &camera_ray, &mut sampler)?;
+                Some(pixel_radii(settings, pilot, &si, footprint(&camera_ray, distance), scene.bounding_sphere().1))
+            })
+            .collect();
+        Self { window, pixels: fill_gaps(seen, w as usize, scene.bounding_sphere().1) }
+    }
+
+    /// The index of a pixel given in coordinates of the whole film.
+    #[inline]
+    pub fn index(&self, pixel: (u32, u32)) -> usize {
+        let (ox, oy) = self.window.crop_offset;
+        (pixel.1 - oy) as usize * self.window.crop_size.0 as usize + (pixel.0 - ox) as usize
+    }
+
+    /// The radii of a pixel by its index.
+    #[inline]
+    pub fn pixel(&self, index: usize) -> &PixelRadii {
+        &self.pixels[index]
+    }
+
+    pub fn len(&self) -> usize {
+        self.pixels.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.pixels.is_empty()
+    }
+}
+
+/// The pass number of the random stream of pilot pixels; photon kinds have their own.
+const PIXELS: u64 = 1 << 32;
+
+/// Side of a pixel, seen from where the camera path is after `distance`; focusing on the way is left out.
+fn footprint(ray: &CameraRay, distance: f32) -> f32 {
+    let f = &ray.footprint;
+    let dx = (f.origin_dx + distance * f.dir_dx).length();
+    let dy = (f.origin_dy + distance * f.dir_dy).length();
+    (dx * dy).sqrt()
+}
+
+/// The first point along a camera path where photons are read, and the length of the path up to it.
+fn visible_point(scene: &Scene, camera_ray: &CameraRay, sampler: &mut Sampler) -> Option<(SurfaceInteraction, f32)> {
+    let mut ray = camera_ray.ray;
+    let mut distance = (ray.o - camera_ray.lens).length();
+    for _ in 0..MAX_CHAIN {
+        let si = scene.intersect(&ray)?;
+        distance += (si.p - ray.o).length();
+        let bsdf = scene.bsdf(&si);
+        if bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
+            return Some((si, distance));
+        }
+        let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+        let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SPECULAR)?;
+        ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+    }
+    None
+}
+
+fn pixel_radii(
+    settings: &SppmSettings,
+    pilot: &PassMaps,
+    si: &SurfaceInteraction,
+    footprint: f32,
+    scene_radius: f32,
+) -> PixelRadii {
+    let floor_sq = (settings.radius_floor * footprint).powi(2);
+    if let Some(r) = settings.initial_radius {
+        return PixelRadii { first_sq: [r * r; KINDS], floor_sq };
+    }
+    // A footprint may be tiny or, far out, huge; neither may the radius be.
+    let most = (settings.clamp.1 * footprint).min(MAX_RADIUS * scene_radius);
+    let least = (settings.clamp.0 * footprint).min(most);
+    let (most_sq, least_sq) = (most * most, least * least);
+    let first_sq = std::array::from_fn(|kind| {
+        let map = pilot.kind(kind);
+        map.map_or(most_sq, |m| m.nearest_radius_sq(si, settings.lookup_size as usize, most_sq).max(least_sq))
+    });
+    PixelRadii { first_sq, floor_sq }
+}
+
+/// Largest radius as a share of that of the scene's bounding sphere.
+const MAX_RADIUS: f32 = 0.1;
+
+/// Gives pixels whose pilot path saw no surface the radii of the nearest one before them in its row or column.
+fn fill_gaps(seen: Vec<Option<PixelRadii>>, width: usize, scene_radius: f32) -> Vec<PixelRadii> {
+    let default = (0.01 * scene_radius).powi(2);
+    let fallback = seen.iter().flatten().next().copied();
+    let fallback = fallback.unwrap_or(PixelRadii { first_sq: [default; KINDS], floor_sq: 0.0 });
+    let mut pixels: Vec<PixelRadii> = Vec::with_capacity(seen.len());
+    for (i, found) in seen.into_iter().enumerate() {
+        let before = if i % width > 0 { i.checked_sub(1) } else { i.checked_sub(width) };
+        pixels.push(found.unwrap_or_else(|| before.map_or(fallback, |b| pixels[b])));
+    }
+    pixels
+}
+
+/// Radii that shrink with the photons that a pixel has found: one entry a pixel and kind.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SharedStatistics {
+    pub(crate) pixels: Vec<[SharedRadius; KINDS]>,
+}
+
+impl SharedStatistics {
+    /// Before the first pass.
+    pub fn new(radii: &Radii) -> Self {
+        let start = |p: &PixelRadii| p.first_sq.map(|radius_sq| SharedRadius { radius_sq, photons: 0.0 });
+        Self { pixels: radii.pixels.iter().map(start).collect() }
+    }
+
+    /// Takes in what a pass found.
+    pub fn update(&mut self, found: &FoundPhotons, alpha: f64) {
+        for (pixel, counts) in self.pixels.iter_mut().zip(&found.counts) {
+            for (shared, count) in pixel.iter_mut().zip(counts) {
+                shared.update(count.load(Ordering::Relaxed), alpha);
+            }
+        }
+    }
+}
+
+/// How many photons each pixel found in one pass. Sums of integers, so threads may add in any order.
+#[derive(Debug)]
+pub struct FoundPhotons {
+    counts: Vec<[AtomicU32; KINDS]>,
+}
+
+impl FoundPhotons {
+    pub fn new(pixels: usize) -> Self {
+        Self { counts: (0..pixels).map(|_| Default::default()).collect() }
+    }
+
+    #[inline]
+    pub fn add(&self, pixel: usize, kind: usize, count: u32) {
+        self.counts[pixel][kind].fetch_add(count, Ordering::Relaxed);
+    }
+}
