@@ -3,6 +3,7 @@
 //! The rooms stand in the order in which light travels; see `ARCHITECTURE.md`.
 
 pub mod accel;
+pub mod bench;
 pub mod bsdf;
 pub mod camera;
 pub mod cli;

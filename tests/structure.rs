@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const STOREYS: [(&str, u32); 20] = [
+const STOREYS: [(&str, u32); 21] = [
     ("math", 0),
     ("tally", 0),
     ("color", 1),
@@ -21,6 +21,7 @@ const STOREYS: [(&str, u32); 20] = [
     ("shoot", 6),
     ("gather", 6),
     ("integrator", 7),
+    ("bench", 8),
     ("render", 8),
     ("cli", 9),
     ("main", 10),

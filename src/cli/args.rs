@@ -23,6 +23,8 @@ pub enum Command {
     Compare(CompareArgs),
     /// Say what a scene file holds and what would render it.
     Info(InfoArgs),
+    /// Measure the ray-query back ends on a scene or mesh.
+    Bench(BenchArgs),
     /// Make a mesh of any size, to render or to measure with.
     Scene(GenerateArgs),
 }
@@ -139,6 +141,52 @@ pub struct CompareArgs {
 pub struct InfoArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// The back ends to measure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum BenchAccel {
+    /// Every one that this build has.
+    #[default]
+    All,
+    Embree,
+    Bvh,
+}
+
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// Mitsuba scene file (XML), or a mesh (.ply, .obj, .serialized), which is put under a white sky.
+    pub scene: PathBuf,
+    /// Override a `<default>` of the scene file; may be given many times.
+    #[arg(short = 'D', long = "define", value_name = "KEY=VALUE", value_parser = key_value)]
+    pub defines: Vec<(String, String)>,
+    /// Ray-query back ends.
+    #[arg(long, value_enum, default_value_t)]
+    pub accel: BenchAccel,
+    /// Classes of rays: primary, shadow, diffuse, gather, photon. Default: all.
+    #[arg(long, value_name = "CLASS,…", value_delimiter = ',')]
+    pub rays: Vec<String>,
+    /// Rays of each class.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 26), default_value_t = 1 << 19)]
+    pub count: u32,
+    /// Times that each class is measured; the median counts.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000), default_value_t = 5)]
+    pub rounds: u32,
+    /// Samples per pixel of a whole render with each back end; 0 leaves it out.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=1 << 32), default_value_t = 4)]
+    pub spp: u64,
+    /// Integrator of the whole render, in place of the scene's.
+    #[arg(long, value_name = "NAME")]
+    pub integrator: Option<String>,
+    /// Seed of the rays.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Worker threads; by default one for each processor.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Option<u32>,
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,

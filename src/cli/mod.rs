@@ -1,6 +1,7 @@
 //! The command line: the only place that prints, reads arguments or exits.
 
 mod args;
+mod bench;
 mod compare;
 mod generate;
 mod info;
@@ -61,6 +62,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         args::Command::Render(a) => render::run(&a),
         args::Command::Compare(a) => compare::run(&a),
+        args::Command::Bench(a) => bench::run(&a),
         args::Command::Info(a) => info::run(&a),
         args::Command::Scene(a) => generate::run(&a),
     };
