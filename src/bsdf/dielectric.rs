@@ -58,6 +58,13 @@ impl Dielectric {
         Some(LobeSample { wi: refract(wo, ior, fresnel.g), weight, pdf: q, eta: ior.eta, transmit: true })
     }
 
+    /// Probability with which [`sample`](Self::sample) reflects or transmits.
+    pub fn discrete_pdf(&self, wo: Vec3, transmit: bool) -> f32 {
+        let fresnel = self.ior.seen_from(wo.z).fresnel(wo.z.abs());
+        let p = reflect_probability(fresnel.r, self.reflectance, self.transmittance);
+        if transmit { 1.0 - p } else { p }
+    }
+
     #[inline]
     pub fn albedo(&self, wo: Vec3) -> Rgb {
         let r = self.ior.seen_from(wo.z).fresnel(wo.z.abs()).r;

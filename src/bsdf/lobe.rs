@@ -194,6 +194,16 @@ impl Kind {
         }
     }
 
+    /// Probability of the discrete reflection or transmission; 0 for lobes with a density.
+    pub fn discrete_pdf(&self, wo: Vec3, transmit: bool) -> f32 {
+        match self {
+            Self::Mirror(_) | Self::ThinReflection(_) | Self::PlasticCoat(_) => !transmit as u8 as f32,
+            Self::ThinTransmission(_) | Self::Null => transmit as u8 as f32,
+            Self::Dielectric(l) => l.discrete_pdf(wo, transmit),
+            _ => 0.0,
+        }
+    }
+
     #[inline]
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<LobeSample> {
         match self {

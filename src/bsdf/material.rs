@@ -200,6 +200,11 @@ impl Material {
         Self::RoughPlastic(RoughPlastic { plastic, facets, transmittance })
     }
 
+    /// True when the lobes may differ with the side from which the surface is looked at.
+    pub fn is_composite(&self) -> bool {
+        matches!(self, Self::Principled(_) | Self::PrincipledThin(_)) || !self.children().is_empty()
+    }
+
     /// Materials that this one refers to.
     pub fn children(&self) -> Vec<MaterialId> {
         match *self {

@@ -148,6 +148,21 @@ impl Bsdf {
         }
     }
 
+    /// Probability with which [`sample`](Self::sample) makes the discrete choice (delta or null) of class `class` that
+    /// reflects, or with `transmit` goes through the surface.
+    pub fn discrete_pdf(&self, wo: Vec3, class: LobeMask, transmit: bool) -> f32 {
+        match self {
+            Self::Black | Self::Diffuse(_) => 0.0,
+            Self::Single(s) => s.lobe.discrete_pdf(wo, class, transmit),
+            Self::Layers(l) => {
+                let (shares, total) = l.shares(wo, LobeMask::ALL);
+                let sum: f32 =
+                    l.lobes().iter().zip(shares).map(|(lobe, s)| s * lobe.discrete_pdf(wo, class, transmit)).sum();
+                if total > 0.0 { sum / total } else { 0.0 }
+            }
+        }
+    }
+
     /// Estimate of the share of power arriving from `wo` that the lobes of `mask` scatter; exact for diffuse and delta.
     pub fn albedo(&self, wo: Vec3, mask: LobeMask) -> Rgb {
         match self {
@@ -277,6 +292,10 @@ impl Lobe {
             eta: s.eta,
             transmit: s.transmit,
         })
+    }
+
+    fn discrete_pdf(&self, wo: Vec3, class: LobeMask, transmit: bool) -> f32 {
+        if self.class == class { self.kind.discrete_pdf(self.frame.to_local(wo), transmit) } else { 0.0 }
     }
 
     #[inline]

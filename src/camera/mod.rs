@@ -72,6 +72,8 @@ pub struct CameraWe {
     pub raster: Vec2,
     /// Point on the lens or film plane.
     pub lens: Vec3,
+    /// Where the camera's ray to the scene point starts: on the near clipping plane.
+    pub start: Vec3,
     /// Unit vector from the scene point to `lens`.
     pub wi: Vec3,
     pub dist: f32,
@@ -169,6 +171,11 @@ impl Camera {
         self.axes.z_axis
     }
 
+    /// True when all rays are parallel.
+    pub fn is_orthographic(&self) -> bool {
+        matches!(self.projection, Projection::Orthographic)
+    }
+
     /// True when rays through one film position differ by where they cross the lens.
     pub fn has_lens(&self) -> bool {
         matches!(self.projection, Projection::Perspective { lens: Some(_) })
@@ -236,11 +243,13 @@ impl Camera {
                 let d = p - q;
                 let dist_sq = d.length_squared();
                 let dist = dist_sq.sqrt();
-                if !self.in_depth(self.forward().dot(d)) {
+                let depth = self.forward().dot(d);
+                if !self.in_depth(depth) {
                     return None;
                 }
                 let (raster, pdf_w) = self.pdf_we(q, d / dist)?;
-                Some(CameraWe { raster, lens: q, wi: -d / dist, dist, pdf_w, importance: pdf_w / dist_sq })
+                let start = q + d * (self.near / depth);
+                Some(CameraWe { raster, lens: q, start, wi: -d / dist, dist, pdf_w, importance: pdf_w / dist_sq })
             }
             Projection::Orthographic => {
                 let dist = self.forward().dot(p - self.corner);
@@ -248,7 +257,8 @@ impl Camera {
                 let raster = self.film_position(q - self.corner);
                 let seen = self.in_depth(dist) && self.window.contains(raster);
                 let importance = 1.0 / self.pixel_area;
-                seen.then_some(CameraWe { raster, lens: q, wi: -self.forward(), dist, pdf_w: 1.0, importance })
+                let start = q + self.near * self.forward();
+                seen.then_some(CameraWe { raster, lens: q, start, wi: -self.forward(), dist, pdf_w: 1.0, importance })
             }
         }
     }

@@ -78,10 +78,15 @@ impl ReconstructionFilter {
 
     /// ∫ of the filter, by which splats are divided.
     pub fn integral(&self) -> f64 {
-        // Integrate half of the support by the midpoint rule; exact to 1e-7 for these smooth pieces.
-        let (n, r) = (4096, self.radius() as f64);
+        2.0 * self.integral_to(self.radius())
+    }
+
+    /// ∫ of the filter from its centre to the distance `reach`, at most its radius.
+    pub fn integral_to(&self, reach: f32) -> f64 {
+        // The midpoint rule; exact to 1e-7 for these smooth pieces.
+        let (n, r) = (4096, reach.min(self.radius()) as f64);
         let step = r / n as f64;
-        (0..n).map(|i| self.eval(((i as f64 + 0.5) * step) as f32) as f64).sum::<f64>() * 2.0 * step
+        (0..n).map(|i| self.eval(((i as f64 + 0.5) * step) as f32) as f64).sum::<f64>() * step
     }
 }
 

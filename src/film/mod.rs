@@ -22,7 +22,8 @@ pub struct Film {
     sums: Vec<Sum>,
     /// Sums of colours that came with their own weight, allocated with the first one.
     splats: Vec<[f64; 3]>,
-    splat_norm: f64,
+    /// One over the filter's integral around each column and each row.
+    splat_norm: [Vec<f64>; 2],
     non_finite: u64,
 }
 
@@ -57,7 +58,7 @@ impl Film {
             filter,
             sums: vec![Sum::default(); pixels],
             splats: Vec::new(),
-            splat_norm: filter.integral().powi(-2),
+            splat_norm: [window.crop_size.0, window.crop_size.1].map(|pixels| splat_norms(filter, pixels)),
             non_finite: 0,
         }
     }
@@ -137,7 +138,8 @@ impl Film {
     }
 
     /// Adds light at a film position without a sample's weight; true unless it was dropped. A pixel's value is the sum
-    /// of what falls on it, spread by the filter with its energy kept.
+    /// of what falls on it, divided by the filter's integral over the crop window: like the mean of the samples, which all
+    /// lie in the window too, it does not fade towards the border.
     pub fn splat(&mut self, film_pos: Vec2, value: Rgb) -> bool {
         if !value.is_finite() {
             self.non_finite += 1;
@@ -145,9 +147,10 @@ impl Film {
         }
         let (w, h) = self.crop_size();
         self.splats.resize(self.sums.len(), [0.0; 3]);
-        let (splats, norm) = (&mut self.splats, self.splat_norm);
+        let (splats, [columns, rows]) = (&mut self.splats, &self.splat_norm);
         Reach::new(&self.window, self.filter, film_pos).for_each((0, 0), (w as i32, h as i32), |x, y, weight| {
             let pixel = &mut splats[y as usize * w as usize + x as usize];
+            let norm = columns[x as usize] * rows[y as usize];
             for (sum, v) in pixel.iter_mut().zip(value.to_array()) {
                 *sum += norm * weight as f64 * v as f64;
             }
@@ -176,4 +179,12 @@ impl Film {
         };
         Image::rgb(w, h, (0..self.sums.len()).map(pixel).collect())
     }
+}
+
+/// One over the filter's integral around each of `pixels` pixels in a row, over the row alone.
+fn splat_norms(filter: ReconstructionFilter, pixels: u32) -> Vec<f64> {
+    let (radius, half) = (filter.radius(), 0.5 * filter.integral());
+    let reach = |distance: f32| if distance >= radius { half } else { filter.integral_to(distance) };
+    let norm = |i: u32| 1.0 / (reach(i as f32 + 0.5) + reach(pixels as f32 - i as f32 - 0.5));
+    (0..pixels).map(norm).collect()
 }

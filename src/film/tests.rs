@@ -163,6 +163,24 @@ fn splats_keep_their_energy() {
 }
 
 #[test]
+fn splats_and_samples_agree_up_to_the_border() {
+    for name in FILTERS {
+        let mut film = Film::new(FilmWindow::full(6, 5), filter(name));
+        // The same uniform light by samples and by splats.
+        let n = 1 << 16;
+        for i in 0..n {
+            let mut s = Sampler::new(Sequence::Sobol, Key::new(3, Purpose::Test, 0), i);
+            let at = s.next_2d() * Vec2::new(6.0, 5.0);
+            film.add_sample(at, Rgb::WHITE);
+            film.splat(at, Rgb::splat(30.0 / n as f32));
+        }
+        for (i, p) in film.develop(1.0).pixels().iter().enumerate() {
+            assert!((p.g - 2.0).abs() < 0.01, "{name}, pixel {i}: {}", p.g);
+        }
+    }
+}
+
+#[test]
 fn films_of_two_passes_add_up_to_one_of_both() {
     let window = FilmWindow::full(5, 3);
     let at = |i: usize| Vec2::new((i % 5) as f32 + 0.3, (i / 5) as f32 + 0.6);

@@ -4,11 +4,13 @@ mod direct;
 mod path;
 mod photonmapper;
 pub mod sppm;
+pub mod vcm;
 
 pub use direct::Direct;
 pub use path::Path;
 pub use photonmapper::{PhotonMapper, PhotonMapperSettings};
 pub use sppm::{Sppm, SppmSettings};
+pub use vcm::VcmSettings;
 
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::camera::CameraRay;

@@ -227,6 +227,25 @@ impl AreaLight {
         (self.pdf_a(ctx, si.p, si.prim), warp::cosine_hemisphere_pdf(si.ng.dot(w)))
     }
 
+    /// As [`AreaLight::pdf_le`] at the sampled point of `li`.
+    pub(super) fn pdf_le_li(&self, li: &LightLi) -> (f32, f32) {
+        let cos = -li.n.dot(li.wi);
+        // All surfaces but balls, which may be sampled by solid angle, are sampled by area.
+        let pdf_a =
+            if matches!(self.surface, Surface::Ball(_)) { self.inv_area } else { li.pdf_w * cos / (li.dist * li.dist) };
+        (pdf_a, warp::cosine_hemisphere_pdf(cos))
+    }
+
+    /// Density per steradian with which the start of `le` is sampled from `p`.
+    pub(super) fn pdf_li_le(&self, p: Vec3, le: &LightLe) -> f32 {
+        if let Some(cone) = self.cone(p) {
+            return cone.pdf();
+        }
+        let cos = le.n.dot(le.ray.d);
+        let pdf_w = le.pdf_a * (le.p - p).length_squared() / cos;
+        if cos > 0.0 && pdf_w.is_finite() { pdf_w } else { 0.0 }
+    }
+
     pub(super) fn power(&self) -> Rgb {
         self.mean * (PI * self.area) as f32
     }

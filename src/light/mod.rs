@@ -197,6 +197,25 @@ impl Light {
         }
     }
 
+    /// [`Light::pdf_le`] for the sampled point of `li` and the way from there to where `li` was sampled from.
+    pub fn pdf_le_li(&self, ctx: &LightContext, li: &LightLi) -> (f32, f32) {
+        match self {
+            Light::Area(l) => l.pdf_le_li(li),
+            _ => self.pdf_le(ctx, li.p, li.n, -li.wi),
+        }
+    }
+
+    /// Density per steradian with which [`Light::sample_li`] from `p`, which the path of `le` reaches first, picks the
+    /// start of that path; 1 for lights without solid angle.
+    pub fn pdf_li_le(&self, p: Vec3, le: &LightLe) -> f32 {
+        match self {
+            Light::Area(l) => l.pdf_li_le(p, le),
+            Light::Constant(l) => l.pdf(),
+            Light::EnvMap(l) => l.pdf(-le.ray.d),
+            _ => 1.0,
+        }
+    }
+
     /// Total emitted power, W; for distant lights what passes through the scene's bounding sphere.
     pub fn power(&self, ctx: &LightContext) -> Rgb {
         match self {

@@ -1,7 +1,8 @@
 use std::ops::Range;
 
 use crate::gather::LookupSettings;
-use crate::integrator::{Direct, MaxDepth, Path, PhotonMapperSettings, SppmSettings};
+use crate::integrator::vcm::Merging;
+use crate::integrator::{Direct, MaxDepth, Path, PhotonMapperSettings, SppmSettings, VcmSettings};
 use crate::scene::{IntegratorSettings, Scene};
 
 /// The recipe of a render with all its parameters.
@@ -12,6 +13,9 @@ pub enum Method {
     PhotonMapper(PhotonMapperSettings),
     Ppm(SppmSettings),
     Sppm(SppmSettings),
+    LightTracer(VcmSettings),
+    Bidirectional(VcmSettings),
+    Vcm(VcmSettings),
 }
 
 impl Method {
@@ -22,12 +26,15 @@ impl Method {
             Method::PhotonMapper(_) => "photonmapper",
             Method::Ppm(_) => "ppm",
             Method::Sppm(_) => "sppm",
+            Method::LightTracer(_) => "ptracer",
+            Method::Bidirectional(_) => "bdpt",
+            Method::Vcm(_) => "vcm",
         }
     }
 }
 
 /// The names that [`Plan::new`] knows.
-pub const METHODS: [&str; 5] = ["path", "direct", "photonmapper", "ppm", "sppm"];
+pub const METHODS: [&str; 8] = ["path", "direct", "photonmapper", "ppm", "sppm", "ptracer", "bdpt", "vcm"];
 
 /// What the command line says in place of the scene file.
 #[derive(Clone, Debug, Default)]
@@ -98,6 +105,9 @@ impl Plan {
             "photonmapper" => Method::PhotonMapper(photonmapper(settings, own, o.photons, spp)),
             "ppm" => Method::Ppm(sppm(scene, own, o.photons)),
             "sppm" => Method::Sppm(sppm(scene, own, o.photons)),
+            "ptracer" => Method::LightTracer(bidirectional(settings, own, VcmSettings::ptracer())),
+            "bdpt" => Method::Bidirectional(bidirectional(settings, own, VcmSettings::bdpt())),
+            "vcm" => Method::Vcm(bidirectional(settings, own, VcmSettings::default())),
             other if KNOWN_LATER.contains(&other) => {
                 return Err(PlanError::NotYetSupported { found: other.to_owned() });
             }
@@ -141,7 +151,7 @@ impl Plan {
 }
 
 /// Integrators that the scene format names and that are not built yet.
-const KNOWN_LATER: [&str; 6] = ["ptracer", "bdpt", "vcm", "volpath", "volpathmis", "auto"];
+const KNOWN_LATER: [&str; 3] = ["volpath", "volpathmis", "auto"];
 
 fn max_depth(s: &IntegratorSettings) -> MaxDepth {
     let d = s.integer("max_depth").unwrap_or(-1);
@@ -185,6 +195,28 @@ fn direct(s: &IntegratorSettings, own: bool) -> Direct {
         emitter_samples: count("emitter_samples"),
         bsdf_samples: count("bsdf_samples"),
         hide_emitters: s.boolean("hide_emitters").unwrap_or(false),
+    }
+}
+
+fn bidirectional(s: &IntegratorSettings, own: bool, method: VcmSettings) -> VcmSettings {
+    let switch = |name: &str, default: bool| s.boolean(name).filter(|_| own).unwrap_or(default);
+    let connect = switch("connect", true);
+    let merging = match method.merging {
+        Merging::Off => Merging::Off,
+        _ if !connect || switch("merge_all", false) => Merging::All,
+        _ if !switch("merge", true) => Merging::Off,
+        m => m,
+    };
+    VcmSettings {
+        max_depth: max_depth(s),
+        rr_depth: s.integer("rr_depth").unwrap_or(5).max(1) as u32,
+        hide_emitters: s.boolean("hide_emitters").unwrap_or(false),
+        connect,
+        light_image: switch("light_image", true),
+        merging,
+        alpha: s.float("alpha").filter(|_| own).map_or(method.alpha, f64::from),
+        initial_radius: s.float("initial_radius").filter(|_| own),
+        ..method
     }
 }
 

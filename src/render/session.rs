@@ -3,7 +3,7 @@ use crate::color::Rgb;
 use crate::film::Film;
 use crate::gather::PhotonMaps;
 use crate::image::Image;
-use crate::integrator::{PhotonMapper, PhotonMapperSettings};
+use crate::integrator::{PhotonMapper, PhotonMapperSettings, vcm};
 use crate::scene::Scene;
 use crate::shoot::Target;
 
@@ -75,6 +75,9 @@ impl<'s> Session<'s> {
             }
             Method::Ppm(settings) | Method::Sppm(settings) => {
                 self.progressive_pass(&settings, &mut film, samples, control, &report)
+            }
+            Method::LightTracer(v) | Method::Bidirectional(v) | Method::Vcm(v) => {
+                self.summary.time("render", || vcm::render_pass(scene, &v, seed, samples, &mut film, &report))
             }
             Method::PhotonMapper(settings) => {
                 let mut maps = self.build_maps(&settings, control);

@@ -1,0 +1,289 @@
+//! Camera sub-paths: lights that they meet, next-event estimation, connections and merges.
+
+use super::Recipe;
+use super::grid::{Grid, Query};
+use super::light_path::LightVertex;
+use super::step::{cosine, pdf_back};
+use super::weights::{Mis, emitter_hit, side, weight};
+use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::camera::CameraRay;
+use crate::color::Rgb;
+use crate::geometry::{Ray, SurfaceInteraction};
+use crate::integrator::roulette;
+use crate::light::LightLi;
+use crate::math::Vec3;
+use crate::sample::Sampler;
+use crate::tally::Counters;
+
+/// A walk from the camera.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CameraWalk {
+    pub ray: Ray,
+    pub beta: Rgb,
+    pub mis: Mis,
+    /// Edges from the camera to the vertex reached.
+    pub depth: u32,
+    from: Vec3,
+    eta: f32,
+    /// No vertex so far could have been merged.
+    unmerged: bool,
+    parallel: bool,
+}
+
+/// A vertex of a camera path.
+pub(super) struct CameraVertex<'a> {
+    pub si: &'a SurfaceInteraction,
+    pub bsdf: &'a Bsdf,
+    pub mis: &'a Mis,
+    pub depth: u32,
+    /// `eta` when the vertex can be merged with light from a vertex that focuses.
+    pub merge: f64,
+}
+
+impl CameraWalk {
+    pub fn start(recipe: &Recipe, camera_ray: &CameraRay) -> Self {
+        let parallel = recipe.scene.camera.is_orthographic();
+        let pdf = if parallel { camera_ray.pdf_a } else { camera_ray.pdf_w };
+        let dvcm = if recipe.settings.light_image { recipe.light_paths as f64 / pdf as f64 } else { 0.0 };
+        Self {
+            ray: camera_ray.ray,
+            beta: Rgb::splat(camera_ray.weight),
+            mis: Mis { dvcm, ..Mis::default() },
+            depth: 0,
+            from: camera_ray.lens,
+            eta: 1.0,
+            unmerged: true,
+            parallel,
+        }
+    }
+
+    /// Carries the sums over the edge to `si`; what waits to be decided stays until then.
+    pub fn arrive(&mut self, si: &SurfaceInteraction) {
+        let dist_sq = if self.parallel { 1.0 } else { self.from.distance_squared(si.p) as f64 };
+        self.mis.arrive(dist_sq, cosine(si, si.wo));
+        self.depth += 1;
+    }
+
+    /// Weight of light that the emitter at the end of the walk sends; `direct` and `emit` as for [`emitter_hit`].
+    pub fn emitter_weight(&self, recipe: &Recipe, direct: f64, emit: f64) -> f32 {
+        if self.depth == 1 {
+            return 1.0;
+        }
+        if !recipe.settings.connect {
+            return self.unmerged as u8 as f32;
+        }
+        let mut mis = self.mis;
+        mis.resolve(recipe.merges_direct());
+        weight(emitter_hit(&mis, direct, emit)) as f32
+    }
+
+    /// Scatters at `si`; false ends the walk.
+    pub fn scatter(
+        &mut self,
+        recipe: &Recipe,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        eta: f64,
+        sampler: &mut Sampler,
+    ) -> bool {
+        let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+        let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL) else { return false };
+        self.beta *= s.weight;
+        self.eta *= s.eta;
+        let merge = if recipe.mergeable(si) { eta } else { 0.0 };
+        recipe.scatter(&mut self.mis, si, bsdf, &s, (0.0, merge));
+        if s.lobe.intersects(LobeMask::SMOOTH) && recipe.mergeable(si) {
+            self.unmerged = false;
+        }
+        self.parallel = false;
+        self.from = si.p;
+        self.ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        roulette(&mut self.beta, self.eta, self.depth, recipe.settings.rr_depth, sampler)
+    }
+}
+
+/// The light that one iteration has for a camera path.
+pub(super) struct LightField<'a> {
+    /// Vertices of the light path that belongs to this camera path.
+    pub vertices: &'a [LightVertex],
+    pub grid: Option<&'a Grid>,
+    pub eta: f64,
+}
+
+/// Radiance (W·m⁻²·sr⁻¹) along a camera ray by all techniques with camera vertices.
+pub(super) fn radiance(
+    recipe: &Recipe,
+    camera_ray: &CameraRay,
+    field: &LightField,
+    sampler: &mut Sampler,
+    counters: &mut Counters,
+) -> Rgb {
+    let scene = recipe.scene;
+    let mut sum = Rgb::BLACK;
+    let mut walk = CameraWalk::start(recipe, camera_ray);
+    let mut hide = recipe.settings.hide_emitters;
+    while walk.depth < recipe.max_depth {
+        // Find the next surface; what leaves the scene sees the environment.
+        counters.camera_rays += 1;
+        let Some(si) = scene.intersect(&walk.ray) else {
+            if !hide {
+                sum += escaped(recipe, &mut walk);
+            }
+            break;
+        };
+        let emitter = scene.is_emitter(&si);
+        if emitter && hide {
+            walk.ray.o = si.spawn_origin(walk.ray.d);
+            continue;
+        }
+        hide = false;
+        let from = walk.from;
+        walk.arrive(&si);
+        if emitter {
+            sum += met_light(recipe, &walk, &si, from);
+        }
+        if walk.depth >= recipe.max_depth || !recipe.settings.camera_paths {
+            break;
+        }
+        // Settle what the last vertex could not know.
+        walk.mis.resolve(recipe.focuses(&si));
+        let bsdf = scene.bsdf(&si);
+        if bsdf.lobes().intersects(LobeMask::SMOOTH) {
+            let merge = if recipe.mergeable(&si) { field.eta } else { 0.0 };
+            let v = CameraVertex { si: &si, bsdf: &bsdf, mis: &walk.mis, depth: walk.depth, merge };
+            if recipe.settings.connect {
+                sum += walk.beta * next_event(recipe, &v, sampler, counters);
+                for light in field.vertices.iter().take_while(|l| l.depth + v.depth < recipe.max_depth) {
+                    sum += walk.beta * connect(recipe, &v, light, field.eta, counters);
+                }
+            }
+            if let (Some(grid), true) = (field.grid, merge > 0.0) {
+                counters.photon_queries += 1;
+                let query = Query {
+                    si: &si,
+                    bsdf: &bsdf,
+                    mis: &walk.mis,
+                    max_depth: recipe.max_depth - walk.depth,
+                    connect: recipe.connect,
+                    eta: field.eta,
+                };
+                sum += walk.beta * grid.merge(&query) / recipe.light_paths as f32;
+            }
+        }
+        if !walk.scatter(recipe, &si, &bsdf, field.eta, sampler) {
+            break;
+        }
+    }
+    sum
+}
+
+/// Light from the environment at the end of a walk.
+fn escaped(recipe: &Recipe, walk: &mut CameraWalk) -> Rgb {
+    let scene = recipe.scene;
+    let Some(index) = scene.environment else { return Rgb::BLACK };
+    let d = walk.ray.d;
+    let direct = scene.pdf_environment(walk.from, d) as f64;
+    let light = &scene.lights[index as usize];
+    let (pdf_a, pdf_w) = light.pdf_le(&scene.light_context(), walk.from, -d, -d);
+    let emit = scene.selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64;
+    walk.depth += 1;
+    walk.beta * scene.environment_radiance(d) * walk.emitter_weight(recipe, direct, emit)
+}
+
+/// Light from the surface that a walk has come to, `from` being the vertex before.
+fn met_light(recipe: &Recipe, walk: &CameraWalk, si: &SurfaceInteraction, from: Vec3) -> Rgb {
+    let scene = recipe.scene;
+    let emitted = scene.emitted(si, si.wo);
+    if emitted.is_black() {
+        return Rgb::BLACK;
+    }
+    let Some(index) = scene.shape_lights[si.shape as usize] else { return Rgb::BLACK };
+    // Light sampling counts per area of the light here.
+    let direct = scene.pdf_direct(from, si) as f64 * cosine(si, si.wo) / from.distance_squared(si.p) as f64;
+    let (pdf_a, pdf_w) = scene.lights[index as usize].pdf_le_at(&scene.light_context(), si, si.wo);
+    let emit = scene.selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64;
+    walk.beta * emitted * walk.emitter_weight(recipe, direct, emit)
+}
+
+/// Next-event estimation: light from a sampled light, towards the vertex before.
+fn next_event(recipe: &Recipe, v: &CameraVertex, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
+    let scene = recipe.scene;
+    let (u_light, u) = (sampler.next_1d(), sampler.next_2d());
+    let Some((index, pmf)) = scene.selector.sample(u_light) else { return Rgb::BLACK };
+    let Some(li) = scene.lights[index].sample_li(&scene.light_context(), v.si.p, u) else { return Rgb::BLACK };
+    let f = v.bsdf.eval(v.si.wo, li.wi, Mode::Radiance, LobeMask::ALL);
+    if f.is_black() || li.radiance.is_black() {
+        return Rgb::BLACK;
+    }
+    counters.shadow_rays += 1;
+    if !scene.unoccluded(v.si, &li) {
+        return Rgb::BLACK;
+    }
+    let w = weight(next_event_sums(recipe, v, index, &li));
+    f * li.radiance * (w / (pmf as f64 * li.pdf_w as f64)) as f32
+}
+
+/// What the other techniques of a path that next-event estimation found amount to.
+pub(super) fn next_event_sums(recipe: &Recipe, v: &CameraVertex, index: usize, li: &LightLi) -> f64 {
+    let scene = recipe.scene;
+    let light = &scene.lights[index];
+    let pmf = scene.selector.pmf(index) as f64;
+    let cos = cosine(v.si, li.wi);
+    let (pdf_a, pdf_w) = light.pdf_le_li(&scene.light_context(), li);
+    // Emission over light sampling, per area of the vertex.
+    let ratio = match (li.delta, li.dist.is_infinite()) {
+        (true, true) => pdf_a as f64 * cos,
+        (true, false) => pdf_w as f64 * cos / (li.dist as f64 * li.dist as f64),
+        (false, true) => pdf_a as f64 * pdf_w as f64 * cos / li.pdf_w as f64,
+        (false, false) => pdf_a as f64 * pdf_w as f64 * cos / (li.pdf_w as f64 * -li.n.dot(li.wi) as f64),
+    };
+    let hit = if li.delta {
+        0.0
+    } else {
+        v.bsdf.pdf(v.si.wo, li.wi, Mode::Radiance, LobeMask::ALL) as f64 / (pmf * li.pdf_w as f64)
+    };
+    let rev = pdf_back(recipe, v.si, v.bsdf, li.wi, v.si.wo);
+    let merge = if recipe.merges_direct() { v.merge } else { 0.0 };
+    hit + side(v.mis, ratio, rev, merge)
+}
+
+/// Connects a camera vertex with a light vertex.
+fn connect(recipe: &Recipe, v: &CameraVertex, light: &LightVertex, eta: f64, counters: &mut Counters) -> Rgb {
+    let scene = recipe.scene;
+    let d = light.si.p - v.si.p;
+    let dist_sq = d.length_squared();
+    let w = d / dist_sq.sqrt();
+    let f = v.bsdf.eval(v.si.wo, w, Mode::Radiance, LobeMask::ALL);
+    if f.is_black() {
+        return Rgb::BLACK;
+    }
+    let light_bsdf = scene.bsdf(&light.si);
+    let g = light_bsdf.eval(light.si.wo, -w, Mode::Importance, LobeMask::ALL);
+    if g.is_black() {
+        return Rgb::BLACK;
+    }
+    let sums = connection_sums(recipe, v, light, &light_bsdf, (w, dist_sq as f64), eta);
+    let value = f * g * light.beta * (weight(sums) as f32 / dist_sq);
+    counters.shadow_rays += 1;
+    let visible = scene.visible((v.si.p, v.si.p_err, v.si.ng), (light.si.p, light.si.p_err, light.si.ng));
+    if visible { value } else { Rgb::BLACK }
+}
+
+/// What the other techniques of a connected path amount to; `w` points from the camera's vertex to the light's.
+pub(super) fn connection_sums(
+    recipe: &Recipe,
+    v: &CameraVertex,
+    light: &LightVertex,
+    light_bsdf: &Bsdf,
+    (w, dist_sq): (Vec3, f64),
+    eta: f64,
+) -> f64 {
+    // Densities with which each side would have sampled the vertex of the other, per area.
+    let to_light = v.bsdf.pdf(v.si.wo, w, Mode::Radiance, LobeMask::ALL) as f64 * cosine(&light.si, w) / dist_sq;
+    let to_camera = light_bsdf.pdf(light.si.wo, -w, Mode::Importance, LobeMask::ALL) as f64 * cosine(v.si, w) / dist_sq;
+    let camera_rev = pdf_back(recipe, v.si, v.bsdf, w, v.si.wo);
+    let light_rev = pdf_back(recipe, &light.si, light_bsdf, -w, light.si.wo);
+    let light_merge = if light.merges { eta } else { 0.0 };
+    let camera_merge = if recipe.focuses(&light.si) { v.merge } else { 0.0 };
+    side(&light.mis, to_light, light_rev, light_merge) + side(v.mis, to_camera, camera_rev, camera_merge)
+}

@@ -1,0 +1,256 @@
+//! Light sub-paths: emission, vertices, connections to the lens.
+
+use super::Recipe;
+use super::grid::Photon;
+use super::step::{cosine, pdf_back};
+use super::weights::{Mis, side, weight};
+use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::color::Rgb;
+use crate::film::SplatBuffer;
+use crate::geometry::{Ray, SurfaceInteraction};
+use crate::light::LightLe;
+use crate::math::Vec3;
+use crate::sample::Sampler;
+use crate::shoot::{CERTAIN_SURVIVAL, MANY_EDGES};
+use crate::tally::Counters;
+
+/// A vertex that camera vertices are connected to.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LightVertex {
+    pub si: SurfaceInteraction,
+    /// Flux of the light path before it is scattered here, W.
+    pub beta: Rgb,
+    pub mis: Mis,
+    /// Edges from the light.
+    pub depth: u32,
+    /// Light comes here from a surface that can focus it, and merging counts such vertices.
+    pub merges: bool,
+}
+
+/// A walk from a light.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LightWalk {
+    ray: Ray,
+    beta: Rgb,
+    mis: Mis,
+    depth: u32,
+    from: Vec3,
+    /// The last vertex can focus light.
+    focused: bool,
+    /// Index and probability of the light.
+    light: (usize, f32),
+    le: LightLe,
+}
+
+impl LightWalk {
+    /// Leaves a light.
+    pub fn start(recipe: &Recipe, sampler: &mut Sampler) -> Option<Self> {
+        let scene = recipe.scene;
+        let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
+        let (light, pmf) = scene.selector.sample(u_light)?;
+        let le = scene.lights[light].sample_le(&scene.light_context(), u_pos, u_dir)?;
+        let beta = le.weight / pmf;
+        (beta.is_finite() && !beta.is_black()).then_some(Self {
+            ray: le.ray,
+            beta,
+            mis: Mis::default(),
+            depth: 0,
+            from: le.p,
+            focused: recipe.merges_direct(),
+            light: (light, pmf),
+            le,
+        })
+    }
+
+    /// Walks to the next surface.
+    pub fn advance(&mut self, recipe: &Recipe, counters: &mut Counters) -> Option<SurfaceInteraction> {
+        counters.photon_rays += 1;
+        let si = recipe.scene.intersect(&self.ray)?;
+        let cos = cosine(&si, si.wo);
+        if self.depth == 0 {
+            self.mis = self.first_sums(recipe, &si, cos);
+        } else {
+            self.mis.arrive(self.from.distance_squared(si.p) as f64, cos);
+        }
+        self.depth += 1;
+        Some(si)
+    }
+
+    /// The sums at the first vertex, where `cos` is that of the edge from the light.
+    ///
+    /// `dvcm` is the density of light sampling over that of emission, `dvc` stands for the path that the camera would end
+    /// on the light; both per area of the first vertex [Georgiev 2012, eqs. 31-33 with one edge taken].
+    fn first_sums(&self, recipe: &Recipe, si: &SurfaceInteraction, cos: f64) -> Mis {
+        let (le, pmf) = (&self.le, self.light.1 as f64);
+        let (pdf_a, pdf_w) = (le.pdf_a as f64, le.pdf_w as f64);
+        let dist_sq = le.p.distance_squared(si.p) as f64;
+        let direct = recipe.scene.lights[self.light.0].pdf_li_le(si.p, le) as f64;
+        let cos_light = if le.finite { le.n.dot(le.ray.d) as f64 } else { 1.0 };
+        let (dvcm, dvc) = if le.delta_position {
+            (dist_sq / pdf_w, 0.0)
+        } else if le.delta_direction {
+            (1.0 / pdf_a, 0.0)
+        } else {
+            (direct * cos_light / (pdf_a * pdf_w), cos_light / (pmf * pdf_a * pdf_w))
+        };
+        Mis { dvcm: dvcm / cos, dvc: recipe.connect * dvc / cos, pending: 0.0 }
+    }
+
+    /// The vertex just reached.
+    pub fn vertex(&self, recipe: &Recipe, si: &SurfaceInteraction) -> LightVertex {
+        let merges = self.focused && recipe.mergeable(si);
+        LightVertex { si: *si, beta: self.beta, mis: self.mis, depth: self.depth, merges }
+    }
+
+    /// Scatters at `si` with Russian roulette; false ends the walk.
+    pub fn scatter(
+        &mut self,
+        recipe: &Recipe,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        eta: f64,
+        sampler: &mut Sampler,
+    ) -> bool {
+        let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+        let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Importance, LobeMask::ALL) else { return false };
+        let before = self.beta;
+        self.beta *= s.weight;
+        if !self.beta.is_finite() || self.beta.is_black() {
+            return false;
+        }
+        // Keep the powers of survivors alike.
+        let ratio = self.beta.max_channel() / before.max_channel();
+        let mut survive = if self.depth >= recipe.settings.rr_depth { ratio } else { 1.0 };
+        if self.depth >= MANY_EDGES {
+            survive = survive.min(CERTAIN_SURVIVAL);
+        }
+        if survive < 1.0 {
+            if sampler.next_1d() >= survive {
+                return false;
+            }
+            self.beta *= 1.0 / survive;
+        }
+        let merge = if self.focused && recipe.mergeable(si) { eta } else { 0.0 };
+        recipe.scatter(&mut self.mis, si, bsdf, &s, (merge, 0.0));
+        self.from = si.p;
+        self.focused = recipe.focuses(si);
+        self.ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        true
+    }
+}
+
+/// Where light paths leave what they find.
+#[derive(Default)]
+pub(super) struct LightSink {
+    /// Vertices for connections, path after path.
+    pub vertices: Vec<LightVertex>,
+    /// Vertices for merging.
+    pub photons: Vec<Photon>,
+    pub splats: SplatBuffer,
+    pub counters: Counters,
+}
+
+/// What [`trace`] is to collect.
+#[derive(Clone, Copy)]
+pub(super) struct Collect {
+    pub vertices: bool,
+    pub splats: bool,
+}
+
+/// Follows one light path to its end.
+pub(super) fn trace(recipe: &Recipe, eta: f64, mut sampler: Sampler, collect: Collect, sink: &mut LightSink) {
+    let Some(mut walk) = LightWalk::start(recipe, &mut sampler) else { return };
+    // A vertex is of use while one more edge fits into the longest path.
+    while walk.depth + 1 < recipe.max_depth {
+        let Some(si) = walk.advance(recipe, &mut sink.counters) else { return };
+        let bsdf = recipe.scene.bsdf(&si);
+        if bsdf.lobes().intersects(LobeMask::SMOOTH) {
+            let vertex = walk.vertex(recipe, &si);
+            if collect.splats && recipe.settings.light_image {
+                let u = if recipe.scene.camera.has_lens() { sampler.next_2d() } else { Default::default() };
+                connect_to_lens(recipe, eta, &vertex, &bsdf, u, sink);
+            }
+            if collect.vertices {
+                sink.vertices.push(vertex);
+            }
+            if vertex.merges {
+                sink.photons.push(Photon {
+                    p: si.p,
+                    depth: vertex.depth,
+                    wi: si.wo,
+                    ng: si.ng,
+                    beta: vertex.beta,
+                    mis: vertex.mis,
+                });
+            }
+        }
+        if !walk.scatter(recipe, &si, &bsdf, eta, &mut sampler) {
+            return;
+        }
+    }
+}
+
+/// Splats what the lens receives from a light vertex, W·m⁻²·sr⁻¹ of a pixel.
+fn connect_to_lens(
+    recipe: &Recipe,
+    eta: f64,
+    v: &LightVertex,
+    bsdf: &Bsdf,
+    u: crate::math::Vec2,
+    sink: &mut LightSink,
+) {
+    let (scene, si) = (recipe.scene, &v.si);
+    // Light scattered off a hidden emitter does not show.
+    if recipe.settings.hide_emitters && scene.is_emitter(si) {
+        return;
+    }
+    let Some(we) = scene.camera.we(si.p, u) else { return };
+    let f = bsdf.eval(si.wo, we.wi, Mode::Importance, LobeMask::ALL);
+    if f.is_black() {
+        return;
+    }
+    sink.counters.shadow_rays += 1;
+    if !lens_sees(recipe, si, we.start) {
+        return;
+    }
+    let w =
+        if recipe.settings.camera_paths { weight(lens_sums(recipe, eta, v, bsdf, we.wi, we.importance)) } else { 1.0 };
+    let value = v.beta * f * (we.importance * w as f32 / recipe.light_paths as f32);
+    if value.is_finite() {
+        sink.splats.push(we.raster, value);
+    } else {
+        sink.counters.infinite_samples += 1;
+    }
+}
+
+/// What the other techniques of a path that light tracing found amount to.
+pub(super) fn lens_sums(
+    recipe: &Recipe,
+    eta: f64,
+    v: &LightVertex,
+    bsdf: &Bsdf,
+    to_lens: Vec3,
+    importance: f32,
+) -> f64 {
+    let rev = pdf_back(recipe, &v.si, bsdf, to_lens, v.si.wo);
+    let pdf_a = importance as f64 * cosine(&v.si, to_lens);
+    let merge = if v.merges { eta } else { 0.0 };
+    side(&v.mis, pdf_a / recipe.light_paths as f64, rev, merge)
+}
+
+/// Whether nothing stands between a vertex and the camera's near plane; hidden emitters do not.
+fn lens_sees(recipe: &Recipe, si: &SurfaceInteraction, start: Vec3) -> bool {
+    let scene = recipe.scene;
+    if !recipe.settings.hide_emitters {
+        return scene.visible((si.p, si.p_err, si.ng), (start, Vec3::ZERO, Vec3::ZERO));
+    }
+    let mut o = si.spawn_origin(start - si.p);
+    loop {
+        let ray = Ray::segment(o, start - o, 1.0 - 1e-4);
+        match scene.intersect(&ray) {
+            None => return true,
+            Some(hit) if scene.is_emitter(&hit) => o = hit.spawn_origin(ray.d),
+            Some(_) => return false,
+        }
+    }
+}

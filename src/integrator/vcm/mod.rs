@@ -1,0 +1,19 @@
+//! Light tracing, bidirectional path tracing, vertex connection and merging [Georgiev, Křivánek, Davidovič, Slusallek
+//! 2012; Hachisuka, Pantaleoni, Jensen 2012]: one recipe with techniques switched on and off.
+//!
+//! One iteration takes one camera sample of every pixel and one light path for each of them. Light paths leave vertices;
+//! each vertex is connected to the lens (light tracing), to every vertex of one camera path (connection), and found by
+//! camera vertices near it (merging). Camera paths also meet lights and sample them. The balance heuristic weighs them all.
+
+mod camera_path;
+mod grid;
+mod light_path;
+mod pass;
+mod radius;
+mod recipe;
+mod step;
+mod weights;
+
+pub use pass::render_pass;
+pub use radius::{automatic_radius, radius_sq_ratio};
+pub use recipe::{Merging, Recipe, VcmSettings};

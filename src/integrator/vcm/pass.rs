@@ -1,0 +1,170 @@
+//! Passes: iterations of light paths, then camera paths, in fixed pieces whose results are joined in their order.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use super::camera_path::{LightField, radiance};
+use super::grid::Grid;
+use super::light_path::{Collect, LightSink, LightVertex, trace};
+use super::{Merging, Recipe, VcmSettings};
+use crate::film::{Film, FilmTile, SplatBuffer};
+use crate::math::Vec2;
+use crate::sample::{Key, Purpose, Sampler};
+use crate::scene::Scene;
+use crate::shoot::PATHS_PER_BATCH;
+use crate::tally::Counters;
+
+/// Takes the camera samples `samples` of every pixel, with as many light paths, and adds them to `film`.
+///
+/// Splats are estimates of the picture, one for each sample of a pixel: a film that holds `n` samples per pixel is
+/// developed with a splat scale of `1/n`. The merging radius depends on the number of the sample alone, counted from 0.
+pub fn render_pass(
+    scene: &Scene,
+    settings: &VcmSettings,
+    seed: u64,
+    samples: Range<u64>,
+    film: &mut Film,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Counters {
+    let recipe = Recipe::new(scene, settings);
+    let mut counters = Counters::default();
+    let count = samples.end - samples.start;
+    for (done, sample) in samples.enumerate() {
+        let iteration = Iteration { recipe: &recipe, seed, sample };
+        let report = |fraction: f64| progress((done as f64 + fraction) / count as f64);
+        counters += iteration.render(film, &report);
+    }
+    counters
+}
+
+/// One sample of every pixel.
+struct Iteration<'a, 's> {
+    recipe: &'a Recipe<'s>,
+    seed: u64,
+    sample: u64,
+}
+
+/// Light vertices of a batch of paths.
+struct Batch {
+    sink: LightSink,
+    /// The end of each path's vertices.
+    ends: Vec<u32>,
+}
+
+/// A tile with what its light paths splat.
+struct Done {
+    tile: FilmTile,
+    splats: SplatBuffer,
+    counters: Counters,
+}
+
+impl Iteration<'_, '_> {
+    fn render(&self, film: &mut Film, progress: &(dyn Fn(f64) + Sync)) -> Counters {
+        let recipe = self.recipe;
+        let mut counters = Counters::default();
+        let (mut batches, mut eta) = (Vec::new(), 0.0);
+        let mut grid = None;
+        // With merging, all light comes before the first camera path.
+        if recipe.settings.merging != Merging::Off {
+            let radius = recipe.radius(self.sample);
+            eta = std::f64::consts::PI * radius * radius * recipe.light_paths as f64;
+            batches = self.trace_batches(eta);
+            for batch in &batches {
+                film.merge_splats(&batch.sink.splats);
+                counters += batch.sink.counters;
+            }
+            let photons = Grid::build(batches.iter().map(|b| &b.sink.photons[..]), radius as f32);
+            grid = (!photons.is_empty()).then_some(photons);
+        }
+        // Render tiles, and merge them in their order.
+        let done = AtomicUsize::new(0);
+        let count = film.tile_count();
+        let tiles: Vec<Done> = (0..count)
+            .into_par_iter()
+            .map(|index| {
+                let tile = self.render_tile(film.tile(index), &batches, grid.as_ref(), eta);
+                progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
+                tile
+            })
+            .collect();
+        for Done { tile, splats, counters: c } in &tiles {
+            film.merge(tile);
+            film.merge_splats(splats);
+            counters += *c;
+        }
+        counters
+    }
+
+    fn light_sampler(&self, path: u64) -> Sampler {
+        let key = Key::new(self.seed, Purpose::LightPath, 0);
+        Sampler::new(self.recipe.scene.sampler.sequence, key, self.sample * self.recipe.light_paths + path)
+    }
+
+    /// All light paths of the iteration.
+    fn trace_batches(&self, eta: f64) -> Vec<Batch> {
+        let paths = self.recipe.light_paths;
+        let collect = Collect { vertices: self.recipe.connects(), splats: true };
+        (0..paths.div_ceil(PATHS_PER_BATCH))
+            .into_par_iter()
+            .map(|batch| {
+                let mut out = Batch { sink: LightSink::default(), ends: Vec::new() };
+                let first = batch * PATHS_PER_BATCH;
+                for path in first..(first + PATHS_PER_BATCH).min(paths) {
+                    trace(self.recipe, eta, self.light_sampler(path), collect, &mut out.sink);
+                    out.ends.push(out.sink.vertices.len() as u32);
+                }
+                out
+            })
+            .collect()
+    }
+
+    /// Camera paths of a tile, with their light paths unless `batches` holds them.
+    fn render_tile(&self, mut tile: FilmTile, batches: &[Batch], grid: Option<&Grid>, eta: f64) -> Done {
+        let recipe = self.recipe;
+        let scene = recipe.scene;
+        let window = scene.camera.window();
+        let key = Key::new(self.seed, Purpose::Camera, 0);
+        let mut counters = Counters::default();
+        let mut sink = LightSink::default();
+        let own_light = batches.is_empty() && recipe.traces_light();
+        let collect = Collect { vertices: recipe.connects(), splats: true };
+        for (x, y) in tile.pixels() {
+            // Find or make the light path of this camera path.
+            let (column, row) = (x - window.crop_offset.0, y - window.crop_offset.1);
+            let path = row as u64 * window.crop_size.0 as u64 + column as u64;
+            if own_light {
+                sink.vertices.clear();
+                trace(recipe, eta, self.light_sampler(path), collect, &mut sink);
+            }
+            let vertices = if own_light { &sink.vertices[..] } else { vertices_of(batches, path) };
+            // Place the sample on the film and the lens.
+            let mut sampler =
+                Sampler::new(scene.sampler.sequence, key.with(((y as u64) << 32) | x as u64), self.sample);
+            let film_pos = Vec2::new(x as f32, y as f32) + sampler.next_2d();
+            let camera_ray = scene.camera.generate_ray(film_pos, sampler.next_2d());
+            let field = LightField { vertices, grid, eta };
+            let value = radiance(recipe, &camera_ray, &field, &mut sampler, &mut counters);
+            counters.samples += 1;
+            // Drop what is not a number, and say so.
+            if !tile.add_sample(film_pos, value) {
+                if value.to_array().iter().any(|c| c.is_nan()) {
+                    counters.nan_samples += 1;
+                } else {
+                    counters.infinite_samples += 1;
+                }
+            }
+        }
+        counters += sink.counters;
+        Done { tile, splats: sink.splats, counters }
+    }
+}
+
+/// The vertices of one light path.
+fn vertices_of(batches: &[Batch], path: u64) -> &[LightVertex] {
+    let Some(batch) = batches.get((path / PATHS_PER_BATCH) as usize) else { return &[] };
+    let i = (path % PATHS_PER_BATCH) as usize;
+    let first = if i == 0 { 0 } else { batch.ends[i - 1] };
+    &batch.sink.vertices[first as usize..batch.ends[i] as usize]
+}

@@ -1,0 +1,165 @@
+use super::radius::automatic_radius;
+use crate::bsdf::{LobeMask, may_have};
+use crate::geometry::SurfaceInteraction;
+use crate::integrator::MaxDepth;
+use crate::scene::Scene;
+
+/// Where light vertices are merged with camera vertices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Merging {
+    Off,
+    /// Where light arrives from a surface that can focus it: a vertex with mirror-like, sharp or see-through lobes. Other
+    /// merges are what connections do better.
+    Focused,
+    /// At every diffuse or wide glossy vertex.
+    All,
+}
+
+/// Parameters of the bidirectional methods, named as in Mitsuba 0.6.
+#[derive(Clone, Copy, Debug)]
+pub struct VcmSettings {
+    pub max_depth: MaxDepth,
+    /// Edges after which Russian roulette may end a sub-path.
+    pub rr_depth: u32,
+    /// Leaves out light that reaches the camera straight from an emitter.
+    pub hide_emitters: bool,
+    /// Camera paths go beyond their first edge; false is light tracing.
+    pub camera_paths: bool,
+    /// Connections, next-event estimation and light tracing.
+    pub connect: bool,
+    /// Connections of light vertices to the lens.
+    pub light_image: bool,
+    pub merging: Merging,
+    /// Share of the photons that a merging radius keeps from pass to pass, between 0 and 1.
+    pub alpha: f64,
+    /// The merging radius of the first pass in units of the scene file; `None` fits it to the picture.
+    pub initial_radius: Option<f32>,
+}
+
+impl Default for VcmSettings {
+    /// Everything, with merging where it helps.
+    fn default() -> Self {
+        Self {
+            max_depth: None,
+            rr_depth: 5,
+            hide_emitters: false,
+            camera_paths: true,
+            connect: true,
+            light_image: true,
+            merging: Merging::Focused,
+            alpha: 2.0 / 3.0,
+            initial_radius: None,
+        }
+    }
+}
+
+impl VcmSettings {
+    /// Light tracing: light paths connected to the lens, and lights that the camera sees at once.
+    pub fn ptracer() -> Self {
+        Self { camera_paths: false, ..Self::bdpt() }
+    }
+
+    /// Bidirectional path tracing.
+    pub fn bdpt() -> Self {
+        Self { merging: Merging::Off, ..Self::default() }
+    }
+
+    /// Bidirectional photon mapping: merging alone.
+    pub fn bpm() -> Self {
+        Self { connect: false, light_image: false, merging: Merging::All, ..Self::default() }
+    }
+}
+
+/// What is fixed about a surface, whatever side it is looked at from.
+#[derive(Clone, Copy, Debug, Default)]
+struct SurfaceClass {
+    mergeable: bool,
+    focusing: bool,
+    /// The lobes seen from its two sides may differ.
+    two_faced: bool,
+}
+
+/// The settings with everything that the scene decides.
+pub struct Recipe<'s> {
+    pub scene: &'s Scene,
+    pub settings: VcmSettings,
+    pub max_depth: u32,
+    /// Light paths of one iteration, one for each pixel.
+    pub light_paths: u64,
+    /// Radius of the first pass, scene units.
+    pub first_radius: f64,
+    /// 1 when vertices are connected.
+    pub connect: f64,
+    classes: Vec<SurfaceClass>,
+}
+
+impl<'s> Recipe<'s> {
+    /// Leaves out what the scene does not need.
+    pub fn new(scene: &'s Scene, settings: &VcmSettings) -> Self {
+        let mut settings = *settings;
+        if !settings.connect {
+            settings.light_image = false;
+            settings.merging = Merging::All;
+        }
+        let classes: Vec<SurfaceClass> = scene
+            .shape_materials
+            .iter()
+            .map(|&id| SurfaceClass {
+                mergeable: may_have(&scene.materials, id, LobeMask::SMOOTH_WIDE),
+                focusing: may_have(&scene.materials, id, LobeMask::SPECULAR),
+                two_faced: scene.materials[id.0 as usize].is_composite(),
+            })
+            .collect();
+        let mergeable = classes.iter().any(|c| c.mergeable);
+        let focusing = classes.iter().any(|c| c.focusing);
+        if !mergeable || (settings.merging == Merging::Focused && !focusing) {
+            settings.merging = Merging::Off;
+        }
+        let first_radius = match settings.initial_radius {
+            _ if settings.merging == Merging::Off => 0.0,
+            Some(r) => r as f64 * scene.to_scene.scale,
+            None => automatic_radius(scene) as f64,
+        };
+        let (w, h) = scene.camera.window().crop_size;
+        Self {
+            scene,
+            settings,
+            max_depth: settings.max_depth.unwrap_or(u32::MAX),
+            light_paths: w as u64 * h as u64,
+            first_radius,
+            connect: settings.connect as u8 as f64,
+            classes,
+        }
+    }
+
+    /// Whether light leaves vertices for anybody.
+    pub fn traces_light(&self) -> bool {
+        let used = self.settings.light_image || self.settings.merging != Merging::Off || self.connects();
+        used && !self.scene.selector.is_empty()
+    }
+
+    /// Whether camera vertices are connected to light vertices.
+    pub fn connects(&self) -> bool {
+        self.settings.connect && self.settings.camera_paths
+    }
+
+    /// Whether light leaving `si` can be merged at the next vertex.
+    pub fn focuses(&self, si: &SurfaceInteraction) -> bool {
+        self.settings.merging == Merging::All || self.classes[si.shape as usize].focusing
+    }
+
+    /// Whether light straight from a light can be merged.
+    pub fn merges_direct(&self) -> bool {
+        self.settings.merging == Merging::All
+    }
+
+    /// Whether light vertices at `si` can be merged at all.
+    pub fn mergeable(&self, si: &SurfaceInteraction) -> bool {
+        self.settings.merging != Merging::Off && self.classes[si.shape as usize].mergeable
+    }
+
+    /// Whether the lobes at `si` may differ with the side from which they are looked at.
+    pub(super) fn two_faced(&self, si: &SurfaceInteraction) -> bool {
+        self.classes[si.shape as usize].two_faced
+    }
+}
