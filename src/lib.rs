@@ -17,6 +17,7 @@ pub mod light;
 pub mod math;
 pub mod photon;
 pub mod render;
+pub mod report;
 pub mod sample;
 pub mod scene;
 pub mod shoot;

@@ -23,8 +23,9 @@ const STOREYS: [(&str, u32); 21] = [
     ("integrator", 7),
     ("bench", 8),
     ("render", 8),
-    ("cli", 9),
-    ("main", 10),
+    ("report", 9),
+    ("cli", 10),
+    ("main", 11),
 ];
 
 /// Rooms of one storey that may use a neighbour, as the plan of the house says.

@@ -21,6 +21,10 @@ pub enum Command {
     Render(Box<RenderArgs>),
     /// Measure how far one image is from another.
     Compare(CompareArgs),
+    /// Measure how wrong the picture of each method is after how long, and write a report.
+    Converge(Box<ConvergeArgs>),
+    /// Make a picture to measure others by, from two methods that must agree.
+    Reference(Box<ReferenceArgs>),
     /// Say what a scene file holds and what would render it.
     Info(InfoArgs),
     /// Measure the ray-query back ends on a scene or mesh.
@@ -132,9 +136,90 @@ pub struct CompareArgs {
     pub image: PathBuf,
     /// Image to judge it by.
     pub reference: PathBuf,
+    /// Error image to write: each pixel's relative error in false colour over a scale bar.
+    #[arg(long, value_name = "OUT.png")]
+    pub heatmap: Option<PathBuf>,
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ConvergeArgs {
+    /// Mitsuba scene file (XML).
+    pub scene: PathBuf,
+    /// Integrators to compare; by default all that find all light.
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub integrators: Vec<String>,
+    /// Ray-query back ends to compare.
+    #[arg(long, value_enum, value_name = "NAME", value_delimiter = ',', default_value = "auto")]
+    pub accel: Vec<AccelArg>,
+    /// Picture to measure by; without it one is made first, as the command `reference` does.
+    #[arg(long, value_name = "REF.exr")]
+    pub reference: Option<PathBuf>,
+    /// Use a reference whose header names another scene or other defines.
+    #[arg(long)]
+    pub trust_reference: bool,
+    /// Time for making the reference where none is given; by default 20 times the time of one run.
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub reference_time: Option<Duration>,
+    /// Time of each run; there is one for each integrator, back end and seed.
+    #[arg(long, value_name = "TIME", value_parser = duration, default_value = "60s")]
+    pub time: Duration,
+    /// End runs after so many passes rather than by time.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 32), conflicts_with = "time")]
+    pub passes: Option<u64>,
+    /// Runs of each integrator, with seeds one after the other.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000), default_value_t = 5)]
+    pub seeds: u64,
+    /// The first seed.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Folder for report.html, report.json, convergence.csv and the plots; by default the scene's name with -converge.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Exposure of the pictures in stops.
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub exposure: f32,
+    /// Override a `<default>` of the scene file; may be given many times.
+    #[arg(short = 'D', long = "define", value_name = "KEY=VALUE", value_parser = key_value)]
+    pub defines: Vec<(String, String)>,
+    /// Film width in pixels; the height follows if it is not given.
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub width: Option<u32>,
+    /// Film height in pixels; the width follows if it is not given.
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub height: Option<u32>,
+    /// Worker threads; by default one for each processor.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Option<u32>,
+    /// Print nothing but errors.
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct ReferenceArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// File to write; its layers hold the variance.
+    #[arg(short, long, value_name = "REF.exr")]
+    pub output: PathBuf,
+    /// The two integrators; by default path and one that starts at the lights.
+    #[arg(long, value_name = "NAME", value_delimiter = ',', num_args = 1..=2)]
+    pub methods: Vec<String>,
+    /// Time of both together.
+    #[arg(long, value_name = "TIME", value_parser = duration, default_value = "10min")]
+    pub time: Duration,
+    /// End after so many passes of each rather than by time.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(8..=1 << 32), conflicts_with = "time")]
+    pub passes: Option<u64>,
+    /// Seed of the first integrator; the second has the next.
+    #[arg(long, value_name = "N", default_value_t = 1_000_001)]
+    pub seed: u64,
+    /// Print nothing but errors.
+    #[arg(short, long)]
+    pub quiet: bool,
 }
 
 #[derive(Debug, Args)]

@@ -3,13 +3,17 @@
 mod args;
 mod bench;
 mod compare;
+mod converge;
 mod generate;
 mod info;
 mod progress;
+mod reference;
 mod render;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Parser;
 
@@ -63,6 +67,8 @@ pub fn main() -> ExitCode {
         args::Command::Render(a) => render::run(&a),
         args::Command::Compare(a) => compare::run(&a),
         args::Command::Bench(a) => bench::run(&a),
+        args::Command::Converge(a) => converge::run(&a),
+        args::Command::Reference(a) => reference::run(&a),
         args::Command::Info(a) => info::run(&a),
         args::Command::Scene(a) => generate::run(&a),
     };
@@ -82,6 +88,20 @@ fn set_threads(threads: Option<u32>) -> Result<(), CliError> {
         .num_threads(threads as usize)
         .build_global()
         .map_err(|e| CliError::Failed(format!("cannot start {threads} threads: {e}")))
+}
+
+/// A flag that Ctrl-C sets; a second Ctrl-C ends the program. `message` tells what will be done.
+fn stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = stop.clone();
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+        eprintln!("caustica: {message}; Ctrl-C once more to give up");
+    })
+    .map_err(|e| CliError::Failed(format!("cannot watch for Ctrl-C: {e}")))?;
+    Ok(stop)
 }
 
 /// Prints to standard output; a closed pipe ends the program quietly.

@@ -31,6 +31,13 @@ impl Reporter {
         }
     }
 
+    /// Names what is being done.
+    pub fn say(&self, what: &str) {
+        if let Self::Bar(bar) = self {
+            bar.set_message(what.to_owned());
+        }
+    }
+
     pub fn finish(&self) {
         if let Self::Bar(bar) = self {
             bar.finish_and_clear();
@@ -55,7 +62,8 @@ impl Progress for Reporter {
                     *last = Instant::now();
                     let spent = started.elapsed().as_secs_f64();
                     let left = spent * (1.0 - fraction) / fraction.max(1e-9);
-                    eprintln!("{:5.1} %  {passes} passes  {spent:.0} s so far, {left:.0} s left", 100.0 * fraction);
+                    let passes = if passes > 0 { format!("{passes} passes  ") } else { String::new() };
+                    eprintln!("{:5.1} %  {passes}{spent:.0} s so far, {left:.0} s left", 100.0 * fraction);
                 }
             }
         }

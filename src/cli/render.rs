@@ -1,8 +1,6 @@
 //! `caustica render`.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use serde::Serialize;
@@ -72,15 +70,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
         );
     }
     // Render; Ctrl-C ends it after the running pass.
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = stop.clone();
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(i32::from(INTERRUPTED));
-        }
-        eprintln!("caustica: finishing the running pass; Ctrl-C once more to give up");
-    })
-    .map_err(|e| CliError::Failed(format!("cannot watch for Ctrl-C: {e}")))?;
+    let stop = super::stop_flag("finishing the running pass")?;
     let reporter = Reporter::new(quiet);
     let control = Control { stop: &stop, time: a.time, started, progress: &reporter };
     let mut rendering = render(&scene, &plan, &control);

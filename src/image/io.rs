@@ -227,7 +227,8 @@ fn read_bytes(path: &Path, limits: &Limits) -> Result<Vec<u8>, Fault> {
     Ok(bytes)
 }
 
-fn replace_file(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+/// Writes a file under a temporary name in its folder and renames it: whoever looks sees the old file or the whole new one.
+pub fn replace_file(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let directory = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
