@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const STOREYS: [(&str, u32); 21] = [
+const STOREYS: &[(&str, u32)] = &[
     ("math", 0),
     ("tally", 0),
     ("color", 1),
