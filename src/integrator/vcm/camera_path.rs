@@ -13,6 +13,7 @@ use crate::integrator::roulette;
 use crate::light::LightLi;
 use crate::math::Vec3;
 use crate::sample::Sampler;
+use crate::scene::Scene;
 use crate::tally::Counters;
 
 /// A walk from the camera.
@@ -23,7 +24,7 @@ pub(super) struct CameraWalk {
     pub mis: Mis,
     /// Edges from the camera to the vertex reached.
     pub depth: u32,
-    from: Vec3,
+    pub from: Vec3,
     eta: f32,
     /// No vertex so far could have been merged.
     unmerged: bool,
@@ -179,30 +180,42 @@ pub(super) fn radiance(
 
 /// Light from the environment at the end of a walk.
 fn escaped(recipe: &Recipe, walk: &mut CameraWalk) -> Rgb {
-    let scene = recipe.scene;
-    let Some(index) = scene.environment else { return Rgb::BLACK };
     let d = walk.ray.d;
-    let direct = scene.pdf_environment(walk.from, d) as f64;
-    let light = &scene.lights[index as usize];
-    let (pdf_a, pdf_w) = light.pdf_le(&scene.light_context(), walk.from, -d, -d);
-    let emit = scene.selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64;
+    let radiance = recipe.scene.environment_radiance(d);
+    if radiance.is_black() {
+        return Rgb::BLACK;
+    }
+    let (direct, emit) = escape_densities(recipe.scene, walk.from, d);
     walk.depth += 1;
-    walk.beta * scene.environment_radiance(d) * walk.emitter_weight(recipe, direct, emit)
+    walk.beta * radiance * walk.emitter_weight(recipe, direct, emit)
+}
+
+/// What [`emitter_hit`] asks of a ray that leaves the scene along `d`.
+pub(super) fn escape_densities(scene: &Scene, from: Vec3, d: Vec3) -> (f64, f64) {
+    let Some(index) = scene.environment else { return (0.0, 0.0) };
+    let light = &scene.lights[index as usize];
+    let (pdf_a, pdf_w) = light.pdf_le(&scene.light_context(), from, -d, -d);
+    let emit = scene.selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64;
+    (scene.pdf_environment(from, d) as f64, emit)
 }
 
 /// Light from the surface that a walk has come to, `from` being the vertex before.
 fn met_light(recipe: &Recipe, walk: &CameraWalk, si: &SurfaceInteraction, from: Vec3) -> Rgb {
-    let scene = recipe.scene;
-    let emitted = scene.emitted(si, si.wo);
+    let emitted = recipe.scene.emitted(si, si.wo);
     if emitted.is_black() {
         return Rgb::BLACK;
     }
-    let Some(index) = scene.shape_lights[si.shape as usize] else { return Rgb::BLACK };
+    let (direct, emit) = hit_densities(recipe.scene, si, from);
+    walk.beta * emitted * walk.emitter_weight(recipe, direct, emit)
+}
+
+/// What [`emitter_hit`] asks of a light that was hit at `si` from `from`.
+pub(super) fn hit_densities(scene: &Scene, si: &SurfaceInteraction, from: Vec3) -> (f64, f64) {
+    let Some(index) = scene.shape_lights[si.shape as usize] else { return (0.0, 0.0) };
     // Light sampling counts per area of the light here.
     let direct = scene.pdf_direct(from, si) as f64 * cosine(si, si.wo) / from.distance_squared(si.p) as f64;
     let (pdf_a, pdf_w) = scene.lights[index as usize].pdf_le_at(&scene.light_context(), si, si.wo);
-    let emit = scene.selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64;
-    walk.beta * emitted * walk.emitter_weight(recipe, direct, emit)
+    (direct, scene.selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64)
 }
 
 /// Next-event estimation: light from a sampled light, towards the vertex before.

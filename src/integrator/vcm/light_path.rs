@@ -30,16 +30,16 @@ pub(super) struct LightVertex {
 /// A walk from a light.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LightWalk {
-    ray: Ray,
+    pub ray: Ray,
     beta: Rgb,
-    mis: Mis,
+    pub mis: Mis,
     depth: u32,
     from: Vec3,
     /// The last vertex can focus light.
     focused: bool,
     /// Index and probability of the light.
-    light: (usize, f32),
-    le: LightLe,
+    pub light: (usize, f32),
+    pub le: LightLe,
 }
 
 impl LightWalk {

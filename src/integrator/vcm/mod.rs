@@ -12,6 +12,8 @@ mod pass;
 mod radius;
 mod recipe;
 mod step;
+#[cfg(test)]
+mod tests;
 mod weights;
 
 pub use pass::render_pass;
