@@ -1,5 +1,6 @@
 //! Arguments as typed.
 
+use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -25,6 +26,8 @@ pub enum Command {
     Converge(Box<ConvergeArgs>),
     /// Make a picture to measure others by, from two methods that must agree.
     Reference(Box<ReferenceArgs>),
+    /// Add up checkpoints of different passes of one render.
+    Merge(MergeArgs),
     /// Say what a scene file holds and what would render it.
     Info(InfoArgs),
     /// Measure the ray-query back ends on a scene or mesh.
@@ -103,6 +106,21 @@ pub struct RenderArgs {
     /// Passes to share the samples among; photon maps are made anew for each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 32))]
     pub passes: Option<u64>,
+    /// Make only these of the render's passes, for example 0..64; `caustica merge` adds up the checkpoints of all.
+    #[arg(long, value_name = "FROM..TO", value_parser = range)]
+    pub pass_range: Option<Range<u64>>,
+    /// Keep what the finished passes have found in this file, to go on from with --resume.
+    #[arg(long, value_name = "FILE")]
+    pub checkpoint: Option<PathBuf>,
+    /// Time between two checkpoints; one more is written at the end.
+    #[arg(long, value_name = "TIME", value_parser = duration, default_value = "60s", requires = "checkpoint")]
+    pub every: Duration,
+    /// Go on from a checkpoint of the same scene and options; the result has the bits of an unbroken run.
+    #[arg(long, value_name = "FILE")]
+    pub resume: Option<PathBuf>,
+    /// Write the image so far after each pass that ends when this much time has gone since the last one.
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub write_every: Option<Duration>,
     /// Stop after the pass that is running when this time is over, for example 30s or 5min.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub time: Option<Duration>,
@@ -277,6 +295,22 @@ pub struct BenchArgs {
     pub json: bool,
 }
 
+#[derive(Debug, Args)]
+pub struct MergeArgs {
+    /// Checkpoints of one scene and plan, of passes that do not overlap.
+    #[arg(required = true)]
+    pub checkpoints: Vec<PathBuf>,
+    /// Image (.exr, .png, .hdr, .pfm) or checkpoint (any other name) to write; may be given many times.
+    #[arg(short, long, value_name = "FILE", required = true)]
+    pub output: Vec<PathBuf>,
+    /// Exposure of .png output in stops.
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub exposure: f32,
+    /// Write .exr with 32-bit floats rather than 16-bit ones.
+    #[arg(long)]
+    pub float: bool,
+}
+
 /// The meshes that can be made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum GeneratedMesh {
@@ -329,6 +363,14 @@ fn target_error(s: &str) -> Result<f64, String> {
     })
 }
 
+/// `0..64`
+fn range(s: &str) -> Result<Range<u64>, String> {
+    let expected = || format!("found {s:?}, expected two pass numbers, the second not included, for example 0..64");
+    let (from, to) = s.split_once("..").ok_or_else(expected)?;
+    let range = from.parse().map_err(|_| expected())?..to.parse().map_err(|_| expected())?;
+    if range.is_empty() { Err(expected()) } else { Ok(range) }
+}
+
 /// `90`, `90s`, `1.5min`, `2h`, `500ms`.
 fn duration(s: &str) -> Result<Duration, String> {
     let expected = || format!("found {s:?}, expected a number with ms, s, min or h behind it, for example 30s");
@@ -369,6 +411,12 @@ mod tests {
         for wrong in ["1e-3", "rmse=1", "relmse=", "relmse=0", "relmse=-1", "relmse=inf", "relmse=NaN"] {
             assert!(target_error(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn ranges() {
+        assert_eq!(range("0..64"), Ok(0..64));
+        assert!(range("64").is_err() && range("3..3").is_err() && range("..4").is_err() && range("-1..4").is_err());
     }
 
     #[test]

@@ -6,11 +6,13 @@ mod compare;
 mod converge;
 mod generate;
 mod info;
+mod keep;
+mod merge;
 mod progress;
 mod reference;
 mod render;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,7 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::Parser;
 
 use crate::image::ImageError;
-use crate::render::PlanError;
+use crate::render::{CheckpointError, PlanError};
 use crate::scene::SceneError;
 
 /// Exit code of bad usage and bad scenes.
@@ -36,6 +38,8 @@ enum CliError {
     #[error("{0}")]
     Plan(#[from] PlanError),
     #[error("{0}")]
+    Checkpoint(#[from] CheckpointError),
+    #[error("{0}")]
     Input(ImageError),
     #[error("{0}")]
     Output(ImageError),
@@ -50,7 +54,9 @@ enum CliError {
 impl CliError {
     fn exit_code(&self) -> u8 {
         match self {
+            CliError::Checkpoint(CheckpointError::Io { action: "write", .. }) => FAILED,
             CliError::Scene(_)
+            | CliError::Checkpoint(_)
             | CliError::Plan(_)
             | CliError::Input(_)
             | CliError::UnknownFormat(_)
@@ -69,6 +75,7 @@ pub fn main() -> ExitCode {
         args::Command::Bench(a) => bench::run(&a),
         args::Command::Converge(a) => converge::run(&a),
         args::Command::Reference(a) => reference::run(&a),
+        args::Command::Merge(a) => merge::run(&a),
         args::Command::Info(a) => info::run(&a),
         args::Command::Scene(a) => generate::run(&a),
     };
@@ -102,6 +109,15 @@ fn stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
     })
     .map_err(|e| CliError::Failed(format!("cannot watch for Ctrl-C: {e}")))?;
     Ok(stop)
+}
+
+/// Refuses a file whose folder does not exist, before any work is done.
+fn check_folder(path: &Path) -> Result<(), CliError> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if folder.is_dir() {
+        return Ok(());
+    }
+    Err(CliError::Usage(format!("{}: the folder {} does not exist; make it first", path.display(), folder.display())))
 }
 
 /// Prints to standard output; a closed pipe ends the program quietly.

@@ -1,15 +1,16 @@
 //! `caustica render`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use serde::Serialize;
 
 use super::args::{Aov, RenderArgs};
+use super::keep::Keeper;
 use super::progress::Reporter;
 use super::{CliError, INTERRUPTED, bytes, human, print};
 use crate::image::{Format, Image, WriteOptions};
-use crate::render::{Control, Plan, PlanOverrides, Summary, render};
+use crate::render::{Checkpoint, Control, Plan, PlanOverrides, Session, Summary, render_from};
 use crate::scene::Scene;
 
 /// A run with more than this share of dropped samples has failed.
@@ -45,6 +46,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             spp: a.spp,
             photons: a.photons,
             passes: a.passes,
+            pass_range: a.pass_range.clone(),
             seed: a.seed,
             timed: a.time.is_some(),
             track_error: a.aov.contains(&Aov::Variance),
@@ -53,6 +55,11 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
         },
     )?;
     check_aovs(&plan)?;
+    let session = match &a.resume {
+        Some(path) => Session::resume(&scene, &plan, &Checkpoint::read(path)?)?,
+        None => Session::new(&scene, &plan),
+    };
+    let mut keeper = Keeper::new(a, &outputs)?;
     let loaded = started.elapsed().as_secs_f64();
     let quiet = a.quiet || a.json;
     if !quiet {
@@ -73,7 +80,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     let stop = super::stop_flag("finishing the running pass")?;
     let reporter = Reporter::new(quiet);
     let control = Control { stop: &stop, time: a.time, started, progress: &reporter };
-    let mut rendering = render(&scene, &plan, &control);
+    let mut rendering = render_from(session, &control, &mut |session, last| keeper.after_pass(session, last));
     reporter.finish();
     rendering.summary.add_phase("load", loaded);
     // Write every output.
@@ -114,6 +121,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             summary.counters.samples, summary.counters.nan_samples, summary.counters.infinite_samples
         )));
     }
+    keeper.result()?;
     Ok(if summary.interrupted { INTERRUPTED } else { 0 })
 }
 
@@ -143,14 +151,7 @@ fn outputs(a: &RenderArgs) -> Result<Vec<PathBuf>, CliError> {
         if !matches!(Format::from_path(path), Some(f) if f != Format::Jpeg) {
             return Err(CliError::UnknownFormat(path.clone()));
         }
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if !folder.is_dir() {
-            return Err(CliError::Usage(format!(
-                "{}: the folder {} does not exist; make it first",
-                path.display(),
-                folder.display()
-            )));
-        }
+        super::check_folder(path)?;
     }
     Ok(outputs)
 }

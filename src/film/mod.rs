@@ -1,6 +1,7 @@
 //! The film: weighted f64 sums per pixel, filled tile by tile in a fixed order so that no thread count shows.
 
 mod filter;
+mod state;
 #[cfg(test)]
 mod tests;
 mod tile;
@@ -8,6 +9,7 @@ mod tile;
 use glam::Vec2;
 
 pub use filter::{MAX_RADIUS, ReconstructionFilter};
+pub use state::FilmState;
 pub use tile::{FilmTile, TILE_SIZE};
 
 use crate::color::Rgb;

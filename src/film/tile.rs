@@ -29,6 +29,15 @@ impl Sum {
         self.weight += weight;
     }
 
+    pub fn to_array(&self) -> [f64; 4] {
+        let [r, g, b] = self.rgb;
+        [r, g, b, self.weight]
+    }
+
+    pub fn from_array([r, g, b, weight]: [f64; 4]) -> Self {
+        Self { rgb: [r, g, b], weight }
+    }
+
     /// Black without weight.
     pub fn mean(&self) -> [f64; 3] {
         if self.weight != 0.0 { self.rgb.map(|v| v / self.weight) } else { [0.0; 3] }

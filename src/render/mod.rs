@@ -1,5 +1,6 @@
 //! Passes over the film: the plan of a render, its clock, its statistics.
 
+mod checkpoint;
 mod doubt;
 mod pass;
 mod plan;
@@ -8,6 +9,7 @@ mod session;
 mod spread;
 mod summary;
 
+pub use checkpoint::{Checkpoint, CheckpointError};
 pub use doubt::Doubt;
 pub use pass::render_pass;
 pub use plan::{METHODS, Method, Plan, PlanError, PlanOverrides};
@@ -65,21 +67,28 @@ pub struct Rendering {
 ///
 /// The image depends on the scene, the plan and the number of finished passes, not on threads or time.
 pub fn render(scene: &Scene, plan: &Plan, control: &Control) -> Rendering {
-    let mut session = Session::new(scene, plan);
+    render_from(Session::new(scene, plan), control, &mut |_, _| {})
+}
+
+/// As [`render`], from a session that may have passes already; `after_pass` sees it after each pass, and hears
+/// whether that was the last.
+pub fn render_from(mut session: Session, control: &Control, after_pass: &mut dyn FnMut(&Session, bool)) -> Rendering {
     let mut next_look = 0;
+    let target_error = session.plan.target_error;
     while !session.finished() {
         session.step(control);
-        if control.over() {
-            break;
-        }
+        let mut last = session.finished() || control.over();
         // Look at the error seldom enough that looking costs little, and looking often misleads little.
-        if let Some(target) = plan.target_error
+        if let Some(target) = target_error
+            && !last
             && session.passes() >= next_look
         {
             next_look = session.passes() + 1 + session.passes() / 10;
-            if session.estimated_relmse().is_some_and(|e| e <= target) {
-                break;
-            }
+            last = session.estimated_relmse().is_some_and(|e| e <= target);
+        }
+        after_pass(&session, last);
+        if last {
+            break;
         }
     }
     session.summary.interrupted = control.stop.load(Ordering::Relaxed);

@@ -43,6 +43,8 @@ pub struct PlanOverrides {
     pub spp: Option<u64>,
     pub photons: Option<u64>,
     pub passes: Option<u64>,
+    /// The passes to make of those.
+    pub pass_range: Option<Range<u64>>,
     pub seed: Option<u64>,
     /// The render ends by the clock, so that without `spp` or `passes` it has no other end.
     pub timed: bool,
@@ -61,6 +63,12 @@ pub enum PlanError {
     UnknownIntegrator { found: String },
     #[error("integrator {found:?} is not yet supported; known are {}", METHODS.join(", "))]
     NotYetSupported { found: String },
+    #[error(
+        "the passes {found:?} are not within the {passes} of this render: give --passes or --spp for all machines together"
+    )]
+    PassRange { found: Range<u64>, passes: u64 },
+    #[error("passes that share statistics depend on those before them: --pass-range must begin with 0")]
+    DependentPasses,
 }
 
 fn hint(found: &str) -> String {
@@ -130,16 +138,30 @@ impl Plan {
             _ => (spp, (spp / 8).next_power_of_two().clamp(1, 16).min(spp)),
         };
         let bounded = !open || o.spp.is_some() || o.passes.is_some();
-        Ok(Self {
+        let all = if bounded { spp.div_ceil(spp_per_pass) } else { u64::MAX };
+        let passes = o.pass_range.clone().unwrap_or(0..all);
+        if passes.is_empty() || passes.end > all {
+            return Err(PlanError::PassRange { found: passes, passes: all });
+        }
+        let plan = Self {
             method,
             seed: o.seed.unwrap_or(scene.sampler.seed),
-            passes: 0..if bounded { spp.div_ceil(spp_per_pass) } else { u64::MAX },
+            passes,
             spp_per_pass,
             spp: bounded.then_some(spp),
             track_error: o.track_error || o.track_bias || o.target_error.is_some(),
             track_bias: o.track_bias,
             target_error: o.target_error,
-        })
+        };
+        if plan.passes.start > 0 && !plan.independent() {
+            return Err(PlanError::DependentPasses);
+        }
+        Ok(plan)
+    }
+
+    /// Whether what a pass adds does not depend on the passes before it.
+    pub fn independent(&self) -> bool {
+        !matches!(self.method, Method::Ppm(s) | Method::Sppm(s) if s.shared_statistics)
     }
 
     /// The camera samples of one pass.

@@ -75,7 +75,8 @@ impl Session<'_> {
         control.progress.phase("measure radii");
         let (scene, seed) = (self.scene, self.plan.seed);
         let radii = self.summary.time("measure radii", || Radii::measure(scene, settings, &pilot, seed));
-        let shared = settings.shared_statistics.then(|| SharedStatistics::new(&radii));
+        let resumed = self.resumed_shared.take();
+        let shared = settings.shared_statistics.then(|| resumed.unwrap_or_else(|| SharedStatistics::new(&radii)));
         self.progressive = Some(Progressive { radii, emitted, shared });
     }
 
@@ -86,7 +87,9 @@ impl Session<'_> {
             control.progress.phase("shoot photons");
             let shooting = settings.shoot_settings(self.plan.seed, pass, target, scene.sampler.sequence);
             let shot = summary.time("shoot photons", || crate::shoot::shoot_paths(scene, &shooting, paths));
-            summary.add_shot(target, &shot);
+            if pass != PILOT_PASS {
+                summary.add_shot(target, &shot);
+            }
             control.progress.phase("balance map");
             let map = summary.time("balance map", || PhotonMap::build(shot.photons));
             let map = RadiusMap::new(map, Kernel::Epanechnikov);

@@ -3,6 +3,7 @@ use crate::color::Rgb;
 use crate::film::Film;
 use crate::gather::PhotonMaps;
 use crate::image::Image;
+use crate::integrator::sppm::SharedStatistics;
 use crate::integrator::{PhotonMapper, PhotonMapperSettings, vcm};
 use crate::scene::Scene;
 use crate::shoot::Target;
@@ -22,6 +23,8 @@ pub struct Session<'s> {
     pub(super) next: u64,
     /// What progressive photon mapping keeps; made by its first step.
     pub(super) progressive: Option<Progressive>,
+    /// Statistics of earlier passes, from a checkpoint, until progressive photon mapping takes them up.
+    pub(super) resumed_shared: Option<SharedStatistics>,
     pub summary: Summary,
 }
 
@@ -35,6 +38,7 @@ impl<'s> Session<'s> {
             film,
             next: plan.passes.start,
             progressive: None,
+            resumed_shared: None,
             summary: Summary::new(plan),
             plan: plan.clone(),
         }

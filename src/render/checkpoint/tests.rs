@@ -1,0 +1,149 @@
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use super::{Checkpoint, CheckpointError};
+use crate::render::{Control, Plan, PlanOverrides, Session, Silent};
+use crate::scene::{LoadOptions, Scene};
+
+fn scene(shared: bool) -> Scene {
+    let text = format!(
+        r#"<scene version="3.0.0">
+        <integrator type="sppm"><boolean name="shared_statistics" value="{shared}"/></integrator>
+        <sensor type="perspective">
+          <transform name="to_world"><lookat origin="0, 0, 3" target="0, 0, 0" up="0, 1, 0"/></transform>
+          <film type="hdrfilm"><integer name="width" value="9"/><integer name="height" value="7"/></film></sensor>
+        <shape type="sphere"><bsdf type="plastic"/></shape>
+        <shape type="sphere"><point name="center" x="2" y="0" z="0"/><bsdf type="dielectric"/></shape>
+        <emitter type="constant"/></scene>"#
+    );
+    Scene::from_text(&text, Path::new("scene.xml"), &LoadOptions::default()).expect("a good scene")
+}
+
+fn plan(scene: &Scene, integrator: &str, passes: std::ops::Range<u64>) -> Plan {
+    let o = PlanOverrides {
+        integrator: Some(integrator.into()),
+        passes: Some(6),
+        photons: Some(2000),
+        track_error: true,
+        ..PlanOverrides::default()
+    };
+    Plan { passes, ..Plan::new(scene, &o).expect("a good plan") }
+}
+
+fn advance(session: &mut Session, passes: u64) {
+    let stop = AtomicBool::new(false);
+    let control = Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent };
+    for _ in 0..passes {
+        session.step(&control);
+    }
+}
+
+fn through_file(c: &Checkpoint) -> Checkpoint {
+    Checkpoint::decode(&c.encode(), Path::new("x")).expect("what was written")
+}
+
+#[test]
+fn a_resumed_render_has_the_bits_of_an_unbroken_one() {
+    for (integrator, shared) in [("path", false), ("sppm", false), ("sppm", true), ("photonmapper", false)] {
+        let s = scene(shared);
+        let mut p = plan(&s, integrator, 0..6);
+        p.spp = None;
+        let mut whole = Session::new(&s, &p);
+        advance(&mut whole, 6);
+        for stop in [0, 1, 4, 6] {
+            let mut first = Session::new(&s, &p);
+            advance(&mut first, stop);
+            let mut second = Session::resume(&s, &p, &through_file(&Checkpoint::of(&first))).expect("the same render");
+            advance(&mut second, 6 - stop);
+            let what = format!("{integrator}, shared {shared}, stopped after {stop}");
+            assert_eq!(whole.image().pixels(), second.image().pixels(), "{what}");
+            assert_eq!(whole.variance(), second.variance(), "{what}");
+            assert_eq!((whole.summary.spp, whole.passes()), (second.summary.spp, second.passes()), "{what}");
+            assert_eq!(whole.summary.counters.samples, second.summary.counters.samples, "{what}");
+        }
+    }
+}
+
+#[test]
+fn merged_ranges_are_the_single_run() {
+    for integrator in ["path", "ppm", "photonmapper"] {
+        let s = scene(false);
+        let part = |range| {
+            let mut p = plan(&s, integrator, range);
+            p.spp = None;
+            let mut session = Session::new(&s, &p);
+            advance(&mut session, 6);
+            Checkpoint::of(&session)
+        };
+        let whole = part(0..6);
+        let merged = Checkpoint::merge(vec![part(3..6), part(0..1), part(1..3)]).expect("parts of one render");
+        assert_eq!((merged.ranges.clone(), merged.spp), (vec![0..6], whole.spp));
+        let (a, b) = (whole.image(), merged.image());
+        for (a, b) in a.pixels().iter().zip(b.pixels()) {
+            for (a, b) in a.to_array().into_iter().zip(b.to_array()) {
+                assert!((a - b).abs() <= 1e-6 * a.abs(), "{integrator}: {a} against {b}");
+            }
+        }
+        // What is merged can go on, too.
+        let p = Plan { spp: None, ..plan(&s, integrator, 0..8) };
+        assert_eq!(Session::resume(&s, &p, &through_file(&merged)).expect("passes 0..6 of 8").passes(), 6);
+    }
+}
+
+#[test]
+fn what_does_not_belong_together_is_refused() {
+    let (s, t) = (scene(false), scene(true));
+    let part = |s: &Scene, integrator: &str, range: std::ops::Range<u64>| {
+        let passes = range.end - range.start;
+        let mut session = Session::new(s, &plan(s, integrator, range));
+        advance(&mut session, passes);
+        Checkpoint::of(&session)
+    };
+    let a = part(&s, "ppm", 0..2);
+    let refused = |parts: Vec<Checkpoint>| Checkpoint::merge(parts).expect_err("not parts of one render");
+    assert!(matches!(refused(vec![a.clone(), part(&s, "ppm", 1..3)]), CheckpointError::Overlap { .. }));
+    assert!(matches!(refused(vec![a.clone(), part(&s, "path", 2..3)]), CheckpointError::Plan { .. }));
+    assert!(matches!(refused(vec![a.clone(), part(&t, "ppm", 2..3)]), CheckpointError::Scene { .. }));
+    assert!(matches!(refused(vec![]), CheckpointError::Nothing));
+    let shared = vec![part(&t, "sppm", 0..1), part(&t, "sppm", 1..2)];
+    assert!(matches!(refused(shared), CheckpointError::Dependent));
+    let resume = |s: &Scene, p: Plan| Session::resume(s, &p, &a).map(|_| ()).expect_err("another render");
+    assert!(matches!(resume(&t, plan(&t, "ppm", 0..6)), CheckpointError::Scene { .. }));
+    assert!(matches!(resume(&s, plan(&s, "sppm", 0..6)), CheckpointError::Plan { .. }));
+    assert!(matches!(resume(&s, Plan { seed: 3, ..plan(&s, "ppm", 0..6) }), CheckpointError::Plan { .. }));
+    assert!(matches!(resume(&s, plan(&s, "ppm", 1..6)), CheckpointError::Passes { .. }));
+    assert!(matches!(resume(&s, plan(&s, "ppm", 0..1)), CheckpointError::Passes { .. }));
+}
+
+#[test]
+fn damage_is_found() {
+    let s = scene(false);
+    let mut session = Session::new(&s, &plan(&s, "ppm", 0..6));
+    advance(&mut session, 2);
+    let bytes = Checkpoint::of(&session).encode();
+    let read = |bytes: &[u8]| Checkpoint::decode(bytes, Path::new("x"));
+    assert!(read(&bytes).is_ok());
+    // Any flipped bit and any cut is noticed.
+    for at in 0..bytes.len() {
+        let mut b = bytes.clone();
+        b[at] ^= 1 << (at % 8);
+        assert!(read(&b).is_err(), "byte {at}");
+    }
+    for len in 0..bytes.len() {
+        assert!(read(&bytes[..len]).is_err(), "{len} bytes");
+    }
+    // So are nonsense bodies under a right checksum; none is given much memory.
+    for at in (44..bytes.len()).step_by(8) {
+        for word in [0, u64::MAX, 1 << 40] {
+            let mut b = bytes.clone();
+            let end = (at + 8).min(b.len());
+            b[at..end].copy_from_slice(&word.to_le_bytes()[..end - at]);
+            let hash = *blake3::hash(&b[44..]).as_bytes();
+            b[12..44].copy_from_slice(&hash);
+            if let Ok(c) = read(&b) {
+                c.image();
+            }
+        }
+    }
+}
