@@ -24,6 +24,7 @@ mod principled;
 mod rough;
 mod rough_plastic;
 mod scatter;
+mod survey;
 #[cfg(test)]
 mod tests;
 
@@ -36,6 +37,7 @@ pub use material::{Material, MaterialId, Plastic, Principled, PrincipledThin, Ro
 pub use metal::{METAL_NAMES, metal_by_name};
 pub use microfacet::Distribution;
 pub use scatter::{Bsdf, BsdfSample, MAX_LOBES, Mode};
+pub use survey::{Abilities, survey};
 
 /// Roughness below which a microfacet surface is smooth: its lobes are delta.
 pub const DELTA_ALPHA: f32 = 1e-4;

@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::accel::AccelKind;
+use crate::scene::NeedOverride;
 
 /// A photon-mapping renderer for the CPU that reads Mitsuba scene files.
 #[derive(Debug, Parser)]
@@ -73,6 +74,10 @@ pub struct SceneArgs {
     /// Film height in pixels; the width follows if it is not given.
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub height: Option<u32>,
+    /// Make something whether or not the scene needs it, or leave it out, for example caustics=off; may be given many
+    /// times. What there is to decide is told by `caustica info`.
+    #[arg(long = "need", value_name = "ITEM=on|off", value_parser = need)]
+    pub needs: Vec<NeedOverride>,
     /// Worker threads; by default one for each processor.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub threads: Option<u32>,
@@ -355,6 +360,16 @@ fn key_value(s: &str) -> Result<(String, String), String> {
     }
 }
 
+/// `caustics=off`.
+fn need(s: &str) -> Result<NeedOverride, String> {
+    let (item, on) = match s.split_once('=') {
+        Some((item, "on")) => (item, true),
+        Some((item, "off")) => (item, false),
+        _ => return Err(format!("found {s:?}, expected ITEM=on or ITEM=off, for example --need caustics=off")),
+    };
+    Ok((item.parse()?, on))
+}
+
 /// `relmse=1e-3`.
 fn target_error(s: &str) -> Result<f64, String> {
     let value = s.strip_prefix("relmse=").and_then(|v| v.parse::<f64>().ok());
@@ -403,6 +418,14 @@ mod tests {
         assert_eq!(count("1.5k"), Ok(1500));
         assert_eq!(count("17"), Ok(17));
         assert!(count("0").is_err() && count("1G").is_err() && count("-3").is_err() && count("NaN").is_err());
+    }
+
+    #[test]
+    fn needs() {
+        use crate::scene::Item;
+        assert_eq!(need("caustics=off"), Ok((Item::Caustics, false)));
+        assert_eq!(need("uv=on"), Ok((Item::Uv, true)));
+        assert!(need("caustics").is_err() && need("caustics=yes").is_err() && need("caustic=on").is_err());
     }
 
     #[test]

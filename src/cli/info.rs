@@ -4,6 +4,8 @@ use serde::Serialize;
 
 use super::args::InfoArgs;
 use super::{CliError, bytes, human, print};
+use crate::render::{Plan, PlanOverrides};
+use crate::scene::Needs;
 
 #[derive(Serialize)]
 struct Info {
@@ -23,12 +25,17 @@ struct Info {
     textures: usize,
     geometry_memory: usize,
     accel_memory: usize,
+    /// What rendering it needs, and why.
+    needs: Needs,
     warnings: Vec<String>,
 }
 
 pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
     super::set_threads(a.scene.threads)?;
     let scene = super::load_scene(&a.scene)?;
+    let overrides = PlanOverrides { needs: a.scene.needs.clone(), ..PlanOverrides::default() };
+    // An integrator that is not known here does not keep the scene from being told about.
+    let needs = Plan::new(&scene, &overrides).map_or_else(|_| Needs::of(&scene, None, &overrides.needs), |p| p.needs);
     let info = Info {
         scene: a.scene.scene.display().to_string(),
         scene_hash: scene.hash.clone(),
@@ -46,6 +53,7 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
         textures: scene.textures.len(),
         geometry_memory: scene.geometry.memory(),
         accel_memory: scene.accel.memory(),
+        needs,
         warnings: scene.warnings.iter().map(ToString::to_string).collect(),
     };
     if a.json {
@@ -66,6 +74,10 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
     ));
     print(&format!("content     {} lights, {} materials, {} textures", info.lights, info.materials, info.textures));
     print(&format!("memory      {} geometry, {} ray queries", bytes(info.geometry_memory), bytes(info.accel_memory)));
+    for n in info.needs.iter() {
+        let decision = if n.wanted { "yes" } else { "no" };
+        print(&format!("{:<11} {decision:<3}  {}", n.item, n.reason));
+    }
     for w in &info.warnings {
         print(&format!("warning     {w}"));
     }

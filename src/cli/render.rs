@@ -52,6 +52,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             track_error: a.aov.contains(&Aov::Variance),
             track_bias: a.aov.contains(&Aov::Bias),
             target_error: a.target_error,
+            needs: a.scene.needs.clone(),
         },
     )?;
     check_aovs(&plan)?;

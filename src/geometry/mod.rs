@@ -2,6 +2,7 @@
 
 pub mod generate;
 mod mesh;
+mod outlook;
 mod quadric;
 mod ray;
 mod set;
@@ -11,6 +12,7 @@ mod tests;
 mod triangle;
 
 pub use mesh::{PaddedVec3s, TriangleMesh, VertexAttribute};
+pub use outlook::{Outlook, corners};
 pub use ray::{Hit, NO_INSTANCE, Ray};
 pub use set::{GeometrySet, Instance, SurfaceInteraction};
 pub use shape::{Cylinder, Disk, Shape, Sphere};

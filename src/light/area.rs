@@ -246,6 +246,11 @@ impl AreaLight {
         if cos > 0.0 && pdf_w.is_finite() { pdf_w } else { 0.0 }
     }
 
+    /// W·m⁻²·sr⁻¹, on the side of the geometric normal.
+    pub(super) fn radiance(&self) -> ColorParam {
+        self.radiance
+    }
+
     pub(super) fn power(&self) -> Rgb {
         self.mean * (PI * self.area) as f32
     }

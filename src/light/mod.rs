@@ -8,6 +8,7 @@ mod distant;
 mod envmap;
 mod point;
 mod projector;
+mod reach;
 mod selector;
 mod spot;
 mod surface;
@@ -28,7 +29,7 @@ pub use spot::Spot;
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Ray, SurfaceInteraction};
 use crate::math::{Transform, offset_ray_origin};
-use crate::texture::Textures;
+use crate::texture::{ColorParam, Textures};
 
 /// What lights look things up in.
 #[derive(Clone, Copy, Debug)]
@@ -232,6 +233,11 @@ impl Light {
     /// True for lights without solid angle as seen from any point, which only `sample_li` finds.
     pub fn is_delta(&self) -> bool {
         matches!(self, Light::Point(_) | Light::Spot(_) | Light::Directional(_) | Light::Projector(_))
+    }
+
+    /// True when the radiance of a surface follows a texture.
+    pub fn is_textured(&self) -> bool {
+        matches!(self, Light::Area(l) if matches!(l.radiance(), ColorParam::Texture(_)))
     }
 
     /// True for lights that a ray finds by escaping.

@@ -2,6 +2,7 @@ use std::f64::consts::PI;
 
 use glam::{Mat3, Vec2, Vec3};
 
+use super::reach::Cone;
 use super::table::{at_uv, grid_size, tabulate};
 use super::{LightContext, LightLe, LightLi, arrive_from_point, axes, emit_from_point};
 use crate::color::Rgb;
@@ -105,6 +106,11 @@ impl Projector {
     pub(super) fn pdf_direction(&self, d: Vec3) -> f32 {
         let local = self.axes.transpose() * d;
         self.slide_uv(local).map_or(0.0, |uv| self.slide_pdf(uv) / (self.slide_area() * local.z.powi(3)))
+    }
+
+    /// A cone that all its light is in: around the corners of the slide.
+    pub(super) fn cone(&self) -> Cone {
+        Cone { apex: self.position, axes: self.axes, angle: f64::from(self.tan_half.length()).atan() }
     }
 
     pub(super) fn power(&self) -> Rgb {

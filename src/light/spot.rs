@@ -2,6 +2,7 @@ use std::f64::consts::PI;
 
 use glam::{Mat3, Vec2, Vec3};
 
+use super::reach::Cone;
 use super::table::{at_uv, tabulate};
 use super::{LightContext, LightLe, LightLi, arrive_from_point, axes, emit_from_point};
 use crate::color::Rgb;
@@ -116,6 +117,11 @@ impl Spot {
         }
         let azimuth = (local.y.atan2(local.x) / (2.0 * PI) as f32).rem_euclid(1.0);
         self.directions.pdf(Vec2::new(azimuth, y)) * warp::uniform_cone_pdf(self.one_minus_cos_cutoff)
+    }
+
+    /// The cone that all its light is in.
+    pub(super) fn cone(&self) -> Cone {
+        Cone { apex: self.position, axes: self.axes, angle: f64::from(self.cutoff) }
     }
 
     pub(super) fn power(&self) -> Rgb {

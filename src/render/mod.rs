@@ -2,6 +2,7 @@
 
 mod checkpoint;
 mod doubt;
+mod leave_out;
 mod pass;
 mod plan;
 mod progressive;

@@ -3,7 +3,7 @@ use std::ops::Range;
 use crate::gather::LookupSettings;
 use crate::integrator::vcm::Merging;
 use crate::integrator::{Direct, MaxDepth, Path, PhotonMapperSettings, SppmSettings, VcmSettings};
-use crate::scene::{IntegratorSettings, Scene};
+use crate::scene::{IntegratorSettings, NeedOverride, Needs, Scene};
 
 /// The recipe of a render with all its parameters.
 #[derive(Clone, Copy, Debug)]
@@ -54,6 +54,8 @@ pub struct PlanOverrides {
     pub track_bias: bool,
     /// As [`Plan::target_error`].
     pub target_error: Option<f64>,
+    /// What to make, or to leave out, whatever the scene needs.
+    pub needs: Vec<NeedOverride>,
 }
 
 /// A plan that cannot be made.
@@ -84,6 +86,8 @@ fn hint(found: &str) -> String {
 #[derive(Clone, Debug)]
 pub struct Plan {
     pub method: Method,
+    /// What the scene needs, and why.
+    pub needs: Needs,
     pub seed: u64,
     /// The numbers of the passes to make.
     pub passes: Range<u64>,
@@ -107,7 +111,7 @@ impl Plan {
         // Parameters of another integrator in the file do not apply.
         let own = settings.name == name;
         let spp = o.spp.unwrap_or(scene.sampler.spp).max(1);
-        let method = match name {
+        let mut method = match name {
             "path" => Method::Path(path(settings)),
             "direct" => Method::Direct(direct(settings, own)),
             "photonmapper" => Method::PhotonMapper(photonmapper(settings, own, o.photons, spp)),
@@ -121,6 +125,8 @@ impl Plan {
             }
             other => return Err(PlanError::UnknownIntegrator { found: other.to_owned() }),
         };
+        let needs = Needs::of(scene, max_depth(settings), &o.needs);
+        method.leave_out(&needs);
         // Time and a wanted error end a render between passes.
         let open = o.timed || o.target_error.is_some();
         let max_passes = settings.integer("max_passes").filter(|_| own).and_then(|n| u64::try_from(n).ok());
@@ -145,6 +151,7 @@ impl Plan {
         }
         let plan = Self {
             method,
+            needs,
             seed: o.seed.unwrap_or(scene.sampler.seed),
             passes,
             spp_per_pass,

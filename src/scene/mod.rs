@@ -6,6 +6,7 @@
 mod error;
 mod load;
 pub mod mesh_io;
+pub mod needs;
 #[expect(clippy::module_inception)]
 mod scene;
 mod settings;
@@ -13,6 +14,7 @@ pub mod xml;
 
 pub use error::{Position, SceneError};
 pub use load::ToScene;
+pub use needs::{Item, Need, NeedOverride, Needs};
 pub use scene::{LoadOptions, Scene, SceneStats};
 pub use settings::{FilmSettings, IntegratorSettings, ParamValue, SamplerSettings};
 

@@ -93,6 +93,20 @@ impl Bitmap {
         self.mean
     }
 
+    /// The least and the greatest value of any texel, channel by channel.
+    pub(super) fn color_range(&self) -> (Rgb, Rgb) {
+        let none = (f32::INFINITY, f32::NEG_INFINITY);
+        match &self.texels {
+            Texels::Grey(t) => {
+                let (low, high) = t.iter().fold(none, |(low, high), &v| (low.min(v), high.max(v)));
+                (Rgb::splat(low), Rgb::splat(high))
+            }
+            Texels::Color(t) => t.iter().fold((Rgb::splat(none.0), Rgb::splat(none.1)), |(low, high), &c| {
+                (low.zip(c, f32::min), high.zip(c, f32::max))
+            }),
+        }
+    }
+
     /// Heap bytes of the texels.
     pub fn memory(&self) -> usize {
         match &self.texels {

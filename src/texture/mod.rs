@@ -5,6 +5,7 @@
 
 mod bitmap;
 mod procedural;
+mod range;
 
 use glam::{Affine2, DMat4, Mat2, Vec2};
 
