@@ -164,3 +164,48 @@ fn bench_measures_every_class_of_a_scene_and_of_a_mesh() {
     assert_fails(&caustica(&["bench", &f.text("scene.xml"), "--rays", "x"]), 2, &["unknown class \"x\"", "photon"]);
     assert_fails(&caustica(&["bench", &f.text("none.ply")]), 2, &["none.ply", "no such file"]);
 }
+
+const CAUSTIC: &str = r#"<scene version="3.0.0">
+  <integrator type="photonmapper"><integer name="global_photons" value="3000"/><integer name="caustic_photons" value="2000"/></integrator>
+  <sensor type="perspective">
+    <transform name="to_world"><lookat origin="0 -4 2" target="0 0 0" up="0 0 1"/></transform>
+    <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="16"/></film>
+    <sampler type="independent"><integer name="sample_count" value="4"/></sampler>
+  </sensor>
+  <shape type="rectangle"><transform name="to_world"><scale value="3"/></transform></shape>
+  <shape type="sphere"><point name="center" x="0" y="0" z="1"/><float name="radius" value="0.5"/><bsdf type="dielectric"/></shape>
+  <emitter type="point"><point name="position" x="1" y="0" z="3"/></emitter>
+</scene>"#;
+
+#[test]
+fn a_stored_photon_map_renders_the_same_picture() {
+    let f = Folder::new(CAUSTIC);
+    let (scene, map) = (f.text("scene.xml"), f.text("map.cpm"));
+    let o = caustica(&["map", "build", &scene, "-o", &map, "--seed", "3"]);
+    assert!(o.status.success(), "{}", stderr(&o));
+    let render =
+        |out: &str, more: &[&str]| caustica(&[&["render", &scene, "--seed", "3", "-q", "-o", out], more].concat());
+    let (fresh, stored) = (f.text("fresh.pfm"), f.text("stored.pfm"));
+    assert!(render(&fresh, &[]).status.success());
+    let o = render(&stored, &["--photon-map", &map]);
+    assert!(o.status.success(), "{}", stderr(&o));
+    assert_eq!(std::fs::read(&fresh).expect("written"), std::fs::read(&stored).expect("written"));
+    // Tell and export what is in it.
+    let o = caustica(&["map", "info", &map, "--json"]);
+    let info: serde_json::Value = serde_json::from_slice(&o.stdout).expect("one JSON object");
+    assert!(info["maps"]["global"].as_u64() > Some(1000) && info["maps"]["caustic"].as_u64() > Some(500), "{info}");
+    let points = f.text("points.ply");
+    assert!(caustica(&["map", "export", &map, "--name", "caustic", "-o", &points]).status.success());
+    let head = std::fs::read(&points).expect("written");
+    assert!(head.starts_with(b"ply\nformat binary_little_endian"));
+    // Refuse what does not fit.
+    assert_fails(&render(&fresh, &["--photon-map", &map, "--integrator", "path"]), 2, &["path reads no photon map"]);
+    assert_fails(&render(&fresh, &["--photon-map", &scene]), 2, &["not a photon map file"]);
+    assert_fails(&caustica(&["map", "export", &map, "--name", "x", "-o", &points]), 2, &["caustic, global"]);
+    let mut bytes = std::fs::read(&map).expect("written");
+    bytes.truncate(bytes.len() - 100);
+    std::fs::write(f.path("short.cpm"), bytes).expect("written");
+    assert_fails(&render(&fresh, &["--photon-map", &f.text("short.cpm")]), 2, &["truncated"]);
+    std::fs::write(f.path("scene.xml"), CAUSTIC.replace("0.5", "0.6")).expect("written");
+    assert_fails(&render(&fresh, &["--photon-map", &map]), 2, &["another scene"]);
+}

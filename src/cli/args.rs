@@ -33,6 +33,8 @@ pub enum Command {
     Info(InfoArgs),
     /// Measure the ray-query back ends on a scene or mesh.
     Bench(BenchArgs),
+    /// Keep photon maps in files.
+    Map(MapArgs),
     /// Make a mesh of any size, to render or to measure with.
     Scene(GenerateArgs),
 }
@@ -108,6 +110,9 @@ pub struct RenderArgs {
     /// Photons wanted in each photon map, in place of the scene's.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=1 << 32))]
     pub photons: Option<u64>,
+    /// Use the photon maps in this file (of `map build`) instead of shooting photons.
+    #[arg(long, value_name = "FILE")]
+    pub photon_map: Option<PathBuf>,
     /// Passes to share the samples among; photon maps are made anew for each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 32))]
     pub passes: Option<u64>,
@@ -314,6 +319,61 @@ pub struct MergeArgs {
     /// Write .exr with 32-bit floats rather than 16-bit ones.
     #[arg(long)]
     pub float: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct MapArgs {
+    #[command(subcommand)]
+    pub command: MapCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum MapCommand {
+    /// Shoot the photon maps of a scene into a file, for `render --photon-map`.
+    Build(MapBuildArgs),
+    /// Say what a photon-map file holds.
+    Info(MapInfoArgs),
+    /// Write the photons as a coloured point cloud.
+    Export(MapExportArgs),
+}
+
+#[derive(Debug, Args)]
+pub struct MapBuildArgs {
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Photon-map file to write (.cpm).
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Photons wanted in each map, in place of the scene's.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..=1 << 32))]
+    pub photons: Option<u64>,
+    /// Seed of all random numbers.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Print nothing but errors.
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct MapInfoArgs {
+    /// Photon-map file.
+    pub map: PathBuf,
+    /// Print one JSON object.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct MapExportArgs {
+    /// Photon-map file.
+    pub map: PathBuf,
+    /// Which of its maps; the first if not given.
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// PLY file to write, in the coordinates of the scene file.
+    #[arg(short, long, alias = "ply", value_name = "FILE")]
+    pub output: PathBuf,
 }
 
 /// The meshes that can be made.

@@ -7,6 +7,7 @@ mod converge;
 mod generate;
 mod info;
 mod keep;
+mod map;
 mod merge;
 mod progress;
 mod reference;
@@ -76,6 +77,7 @@ pub fn main() -> ExitCode {
         args::Command::Converge(a) => converge::run(&a),
         args::Command::Reference(a) => reference::run(&a),
         args::Command::Merge(a) => merge::run(&a),
+        args::Command::Map(a) => map::run(&a),
         args::Command::Info(a) => info::run(&a),
         args::Command::Scene(a) => generate::run(&a),
     };

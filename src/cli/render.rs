@@ -39,7 +39,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     let outputs = outputs(a)?;
     super::set_threads(a.scene.threads)?;
     let scene = super::load_scene(&a.scene)?;
-    let plan = Plan::new(
+    let mut plan = Plan::new(
         &scene,
         &PlanOverrides {
             integrator: a.integrator.clone(),
@@ -55,6 +55,9 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             needs: a.scene.needs.clone(),
         },
     )?;
+    if let Some(path) = &a.photon_map {
+        super::map::load(path, &scene, &mut plan)?;
+    }
     check_aovs(&plan)?;
     let session = match &a.resume {
         Some(path) => Session::resume(&scene, &plan, &Checkpoint::read(path)?)?,

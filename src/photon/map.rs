@@ -15,6 +15,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 struct Line([f32; 16]);
 
 /// The coordinates of every block: its x, then its y, then its z, on whole cache lines; infinite where no photon is.
+#[derive(Clone)]
 pub(crate) struct Positions(Vec<Line>);
 
 impl Positions {
@@ -43,6 +44,7 @@ pub(crate) struct Split {
 ///
 /// Child indices are arithmetic; no pointer is stored. Photons are named by an index from 0 to `len() − 1`, which says
 /// where a photon is kept and means nothing else.
+#[derive(Clone)]
 pub struct PhotonMap {
     pub(crate) layout: Layout,
     pub(crate) positions: Positions,

@@ -1,8 +1,10 @@
 use std::ops::Range;
+use std::sync::Arc;
 
 use crate::gather::LookupSettings;
 use crate::integrator::vcm::Merging;
 use crate::integrator::{Direct, MaxDepth, Path, PhotonMapperSettings, SppmSettings, VcmSettings};
+use crate::photon::MapFile;
 use crate::scene::{IntegratorSettings, NeedOverride, Needs, Scene};
 
 /// The recipe of a render with all its parameters.
@@ -97,6 +99,8 @@ pub struct Plan {
     pub spp: Option<u64>,
     /// Keep what is needed to tell the noise of every pixel.
     pub track_error: bool,
+    /// Photon maps to read in place of shooting photons, by the names of their targets; every pass reads the same.
+    pub stored_maps: Option<Arc<MapFile>>,
     /// Read photon maps a second time with half as many photons, to tell the bias of every pixel.
     pub track_bias: bool,
     /// The render ends when its own estimate of relMSE is below this.
@@ -156,6 +160,7 @@ impl Plan {
             passes,
             spp_per_pass,
             spp: bounded.then_some(spp),
+            stored_maps: None,
             track_error: o.track_error || o.track_bias || o.target_error.is_some(),
             track_bias: o.track_bias,
             target_error: o.target_error,

@@ -141,12 +141,15 @@ impl<'s> Session<'s> {
         let (scene, summary) = (self.scene, &mut self.summary);
         let mut maps = PhotonMaps::default();
         for target in settings.targets() {
-            control.progress.phase("shoot photons");
-            let shooting = settings.shoot_settings(self.plan.seed, self.next, target, scene.sampler.sequence);
-            let shot = summary.time("shoot photons", || crate::shoot::shoot(scene, &shooting));
-            summary.add_shot(target, &shot);
-            control.progress.phase("balance map");
-            let map = summary.time("balance map", || crate::photon::PhotonMap::build(shot.photons));
+            let stored = self.plan.stored_maps.as_ref().and_then(|file| file.map(target.name()));
+            let map = stored.cloned().unwrap_or_else(|| {
+                control.progress.phase("shoot photons");
+                let shooting = settings.shoot_settings(self.plan.seed, self.next, target, scene.sampler.sequence);
+                let shot = summary.time("shoot photons", || crate::shoot::shoot(scene, &shooting));
+                summary.add_shot(target, &shot);
+                control.progress.phase("balance map");
+                summary.time("balance map", || crate::photon::PhotonMap::build(shot.photons))
+            });
             let radius = scene.bounding_sphere().1;
             match target {
                 Target::Caustic => maps.set_caustic(map, &settings.lookup, radius),

@@ -70,11 +70,7 @@ impl Summary {
 
     pub(super) fn add_shot(&mut self, target: Target, shot: &Shot) {
         self.counters += shot.counters;
-        let name = match target {
-            Target::Caustic => "caustic",
-            Target::Global => "global",
-            Target::Indirect => "indirect",
-        };
+        let name = target.name();
         let index = self.maps.iter().position(|m| m.name == name).unwrap_or_else(|| {
             self.maps.push(MapSummary { name, ..MapSummary::default() });
             self.maps.len() - 1

@@ -21,6 +21,15 @@ pub enum Target {
 }
 
 impl Target {
+    /// Its name in files and reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Target::Caustic => "caustic",
+            Target::Global => "global",
+            Target::Indirect => "indirect",
+        }
+    }
+
     /// The random stream of this kind of photon path.
     pub fn purpose(self) -> Purpose {
         match self {
