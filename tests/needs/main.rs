@@ -138,14 +138,15 @@ fn what_a_scene_seems_to_lack_is_made() {
 }
 
 /// Bytes held more after loading, and the most held while loading and rendering.
-fn cost(dir: &Path, xml: &str, needs: &[NeedOverride]) -> (usize, usize) {
-    let before = HELD.load(Ordering::Relaxed);
-    MOST.store(before, Ordering::Relaxed);
+fn cost(dir: &Path, xml: &str, needs: &[NeedOverride]) -> (isize, isize) {
+    let held = || HELD.load(Ordering::Relaxed) as isize;
+    let before = held();
+    MOST.store(before as usize, Ordering::Relaxed);
     let scene = load(dir, xml, needs);
-    let loaded = HELD.load(Ordering::Relaxed) - before;
+    let loaded = held() - before;
     let rendering = run(&scene, needs, 1);
     drop(rendering);
-    (loaded, MOST.load(Ordering::Relaxed) - before)
+    (loaded, MOST.load(Ordering::Relaxed) as isize - before)
 }
 
 #[test]
@@ -171,8 +172,11 @@ fn what_is_left_out_takes_no_memory() {
             None => panic!("{name} has changed"),
         };
         let (with, without) = (cost(dir.path(), &xml, &[]), cost(dir.path(), &bare, &[]));
-        // The text itself and its tree may cost a little; the texture has 12 MiB, or 4 where it is grey.
-        assert!(with.0 < without.0 + 4096 && with.1 < without.1 + (256 << 10), "{name}: {with:?}, without {without:?}");
+        // The harness itself may take or free a little; the texture has 4 MiB.
+        assert!(
+            with.0 < without.0 + (64 << 10) && with.1 < without.1 + (256 << 10),
+            "{name}: {with:?}, without {without:?}"
+        );
     }
     // Maps that are not made: no photon is held.
     for case in lacking() {

@@ -7,6 +7,7 @@ use caustica::image::{Image, WriteOptions, write};
 use caustica::scene::Item;
 
 /// A scene with the item that decides about it.
+#[allow(dead_code)]
 pub struct Case {
     pub name: &'static str,
     body: String,
