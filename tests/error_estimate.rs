@@ -62,3 +62,80 @@ fn a_path_tracer_has_no_bias_and_a_photon_mapper_some() {
     assert!(bias("path").iter().all(|b| b.is_black()));
     assert!(bias("photonmapper").iter().any(|b| !b.is_black()));
 }
+
+/// How often intervals of nominally 90 % around block means hold the truth.
+#[cfg(feature = "slow-tests")]
+mod coverage {
+    use std::path::Path;
+    use std::time::Instant;
+
+    use caustica::image::block_means;
+    use caustica::render::{Control, Plan, Session, Silent};
+    use caustica::report::stats::student_quantile;
+    use caustica::scene::{LoadOptions, Scene};
+
+    use super::*;
+
+    const PASSES: u64 = 16;
+    const NOMINAL: f64 = 0.90;
+
+    fn load(name: &str, size: u32) -> Scene {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
+        let options = LoadOptions { width: Some(size), height: Some(size), ..LoadOptions::default() };
+        Scene::load(&path, &options).expect("a scene of the repository")
+    }
+
+    fn session<'s>(scene: &'s Scene, o: PlanOverrides) -> Session<'s> {
+        let plan = Plan::new(scene, &o).expect("a known integrator");
+        let stop = std::sync::atomic::AtomicBool::new(false);
+        let control = Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent };
+        let mut session = Session::new(scene, &plan);
+        while !session.finished() {
+            session.step(&control);
+        }
+        session
+    }
+
+    /// The share of green block means of `runs` seeds that hold `truth`, whose own variance is counted too.
+    fn covered(scene: &Scene, o: &PlanOverrides, runs: u64, truth: &[(f64, f64)]) -> f64 {
+        let t = student_quantile(1.0 - NOMINAL, PASSES as f64 - 1.0);
+        let (mut inside, mut all) = (0u32, 0u32);
+        for seed in 1..=runs {
+            let s = session(
+                scene,
+                PlanOverrides { seed: Some(seed), passes: Some(PASSES), track_error: true, ..o.clone() },
+            );
+            let doubt = s.doubt().expect("a tracked error");
+            let variance = doubt.block_variance().expect("passes");
+            let means = block_means(&s.image());
+            for ((m, v), &(mean, own)) in means.pixels().iter().zip(&variance).zip(truth) {
+                let off = (f64::from(m.g) - mean).abs();
+                inside += u32::from(off <= t * (f64::from(v.g) + own).sqrt());
+                all += 1;
+            }
+        }
+        f64::from(inside) / f64::from(all)
+    }
+
+    fn truth(scene: &Scene, o: PlanOverrides) -> Vec<(f64, f64)> {
+        let s = session(scene, o);
+        let variance = s.doubt().and_then(|d| d.block_variance()).expect("passes");
+        let means = block_means(&s.image());
+        means.pixels().iter().zip(variance).map(|(m, v)| (f64::from(m.g), f64::from(v.g))).collect()
+    }
+
+    /// 25 seeds of 9 or 16 blocks: the standard error of the coverage is at most 2 %, so that 85 to 95 % is wide enough for
+    /// intervals that are right and too narrow for variances wrong by a third.
+    #[test]
+    fn noise_of_path_tracing() {
+        let scenes =
+            [("lamp", common::scene(&small_scene(), AccelKind::Bvh)), ("cornell-box", load("cornell-box.xml", 64))];
+        for (name, scene) in &scenes {
+            let o = PlanOverrides { spp: Some(64), ..overrides("path", 0) };
+            let many = PlanOverrides { spp: Some(2048), passes: Some(64), track_error: true, ..overrides("path", 777) };
+            let share = covered(scene, &o, 25, &truth(scene, many));
+            println!("{name}: {share}");
+            assert!((0.85..=0.95).contains(&share), "{name}: {share}");
+        }
+    }
+}

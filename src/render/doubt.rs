@@ -13,7 +13,9 @@ pub const MIN_PASSES: u64 = 4;
 /// The bias of a density estimate over a disc of area A grows in proportion to A where the light's second derivatives
 /// do not vanish, to the next order [Silverman 1986, §4.3.1]. With half the photons in half the area the picture is thus
 /// off by half the bias, and twice the difference of the two pictures is the bias (Richardson's extrapolation). It is an
-/// estimate of that leading term alone: not of light that leaks past edges, and of nothing in methods without a map.
+/// estimate of that leading term alone and tells its size: at edges and in corners, where part of the disc finds no photons,
+/// bias is of first order, and intervals around pictures corrected by it hold the truth far less often than they should.
+/// Methods without a map have none.
 #[derive(Clone, Debug)]
 pub struct Doubt {
     /// Of the pixels, and of the means over blocks, which notice noise that neighbours share.

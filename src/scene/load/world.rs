@@ -9,14 +9,12 @@ use super::super::xml::{Document, NodeId, Query, Tag};
 use super::super::{LoadOptions, Position, Scene, SceneError, SceneStats};
 use super::sensors::View;
 use super::shapes::{ShapeDesc, invertible};
-use super::{Keep, Loader, ToScene, integrators, not_yet};
+use super::{Loader, ToScene, integrators, not_yet};
 use crate::accel::Accel;
 use crate::bsdf::{self, Material, MaterialId};
-use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Instance, Shape};
 use crate::light::{AreaLight, Light, LightContext, LightSelector};
 use crate::math::{Bounds3, Transform};
-use crate::texture::ColorParam;
 
 type Box64 = Option<(DVec3, DVec3)>;
 
@@ -41,10 +39,10 @@ struct InstanceDesc {
 
 /// All shapes of a scene in its own world.
 #[derive(Default)]
-pub(super) struct World<'d> {
+struct World<'d> {
     shapes: Vec<ShapeDesc<'d>>,
     groups: Vec<Group<'d>>,
-    pub(super) group_ids: HashMap<NodeId, usize>,
+    group_ids: HashMap<NodeId, usize>,
     instances: Vec<InstanceDesc>,
 }
 
@@ -64,12 +62,15 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     let integrator = integrators::of_scene(&root)?;
     let mut stats = SceneStats::default();
 
-    // Read what stands in the scene, with all that it refers to.
-    let (bsdfs, textures, shapes) = (root.children(Tag::Bsdf), root.children(Tag::Texture), root.children(Tag::Shape));
-    loader.declared.extend(textures.iter().map(|c| c.node));
-    loader.keep = Keep::of(&options.needs);
+    // Read all that is declared, used or not, so that every mistake is told.
+    for child in root.children(Tag::Bsdf) {
+        loader.material(child.node)?;
+    }
+    for child in root.children(Tag::Texture) {
+        loader.declared_texture(child)?;
+    }
     let mut world = World::default();
-    for child in &shapes {
+    for child in root.children(Tag::Shape) {
         loader.add_shape(Query::new(doc, child.node), &mut world)?;
     }
     let emitters = root.children(Tag::Emitter);
@@ -81,13 +82,9 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         Some((min, max)) => ToScene::of_box(min, max),
         None => ToScene { center: DVec3::ZERO, scale: 1.0 },
     };
-    let used = loader.used();
-    loader.check_unused_groups(&shapes, &world, &mut stats)?;
-    loader.check_unused_materials(&bsdfs, &mut stats)?;
-    loader.check_materials()?;
-    loader.forget(used);
     let placed = loader.place(world, &to_scene, &mut stats)?;
     loader.scale_heights(to_scene.scale as f32);
+    loader.check_materials()?;
     let geometry = Arc::new(placed.set);
     let bounds = match geometry.bounds() {
         b if b.is_empty() => Bounds3::new(glam::Vec3::splat(-0.5), glam::Vec3::splat(0.5)),
@@ -98,40 +95,24 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     let sensor = loader.sensor(&sensors, &view, options)?;
 
     // Lights on shapes first, then those that stand alone, both in the order of the file.
-    let hides_emitters = integrator.boolean("hide_emitters") == Some(true);
     let mut lights = Vec::new();
     let mut shape_lights = vec![None; geometry.shapes.len()];
     for (shape, emitter) in placed.emitters.iter().enumerate() {
         if let Some(child) = emitter {
             shape_lights[shape] = Some(lights.len() as u32);
             let radiance = loader.area_radiance(child)?;
-            // A dark lamp is a surface like any other, unless lamps are to be hidden.
-            if radiance == ColorParam::Const(Rgb::BLACK) && !hides_emitters {
-                shape_lights[shape] = None;
-                continue;
-            }
             lights.push(Light::Area(AreaLight::new(&geometry, &loader.textures, shape as u32, radiance)));
         }
     }
-    let (mut environment, mut environments) = (None, 0);
+    let mut environment = None;
     for child in emitters {
         let light = loader.emitter(child, &to_scene, &geometry)?;
-        environments += u32::from(light.is_environment());
-        if environments > 1 {
+        if light.is_environment() && environment.replace(lights.len() as u32).is_some() {
             return Err(SceneError::at(&child.pos, "a second environment light")
                 .help("a scene has at most one envmap or constant emitter"));
         }
-        if light.is_dark(&LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere }) {
-            continue;
-        }
-        if light.is_environment() {
-            environment = Some(lights.len() as u32);
-        }
         lights.push(light);
     }
-    let used = loader.used();
-    loader.check_unused_textures(&textures, &mut stats)?;
-    loader.forget(used);
     let context = LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere };
     let selector = LightSelector::new(lights.iter().map(|l| l.power(&context)));
 
@@ -194,8 +175,7 @@ impl<'d> Loader<'d> {
     /// Adds a shape, group or instance that stands in the scene.
     fn add_shape(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<(), SceneError> {
         match q.plugin() {
-            // Groups are nowhere until an instance places them.
-            "shapegroup" => Ok(()),
+            "shapegroup" => self.group(q, world).map(|_| ()),
             "instance" => self.instance(q, world),
             _ => {
                 world.shapes.push(self.bounded_shape(q)?);
@@ -215,7 +195,7 @@ impl<'d> Loader<'d> {
         }
     }
 
-    pub(super) fn group(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<usize, SceneError> {
+    fn group(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<usize, SceneError> {
         if let Some(&group) = world.group_ids.get(&q.id()) {
             return Ok(group);
         }
@@ -301,11 +281,10 @@ impl<'d> Loader<'d> {
     ) -> Result<u32, SceneError> {
         let (material, emitter, pos) = (desc.material, desc.emitter, desc.pos.clone());
         let nodes = [desc.material_node, emitter.map(|e| e.node)];
-        let mut shape = desc.finish(map, stats)?;
+        let shape = desc.finish(map, stats)?;
         for node in nodes.into_iter().flatten() {
             self.check_attributes(node, &shape, &pos)?;
         }
-        stats.left_out_bytes += self.strip(&mut shape, material, emitter) as u64;
         placed.set.shapes.push(shape);
         placed.materials.push(material);
         placed.emitters.push(emitter);
