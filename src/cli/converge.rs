@@ -34,8 +34,13 @@ pub fn run(a: &ConvergeArgs) -> Result<u8, CliError> {
     let loading = Instant::now();
     let folder = folder(a)?;
     super::set_threads(a.threads)?;
-    let options =
-        LoadOptions { defines: a.defines.clone(), accel: a.accel[0].into(), width: a.width, height: a.height };
+    let options = LoadOptions {
+        defines: a.defines.clone(),
+        accel: a.accel[0].into(),
+        width: a.width,
+        height: a.height,
+        ..LoadOptions::default()
+    };
     let mut scene = Scene::load(&a.scene, &options)?;
     let load_seconds = loading.elapsed().as_secs_f64();
     if scene.lights.is_empty() {

@@ -138,6 +138,7 @@ fn load_scene(a: &args::SceneArgs) -> Result<crate::scene::Scene, CliError> {
         accel: a.accel.into(),
         width: a.width,
         height: a.height,
+        needs: a.needs.clone(),
     };
     Ok(crate::scene::Scene::load(&a.scene, &options)?)
 }

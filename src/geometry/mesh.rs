@@ -81,6 +81,21 @@ impl TriangleMesh {
         Bounds3::from_points(self.positions.as_slice().iter().copied())
     }
 
+    /// Drops vertex normals that are those of the triangles themselves, to 1e-6, and says whether.
+    pub fn drop_flat_normals(&mut self) -> bool {
+        let Some(normals) = &self.normals else { return false };
+        let side = if self.flip_normals { -1.0 } else { 1.0 };
+        let flat = (0..self.indices.len() as u32).all(|i| {
+            let ng = super::triangle_normal(self.triangle(i)).map(|n| side * n);
+            let close = |v: u32| ng.is_some_and(|ng| (normals[v as usize] - ng).length_squared() < 1e-12);
+            self.indices[i as usize].into_iter().all(close)
+        });
+        if flat {
+            self.normals = None;
+        }
+        flat
+    }
+
     /// Heap bytes of all buffers.
     pub fn memory(&self) -> usize {
         size_of_val(self.positions.padded())

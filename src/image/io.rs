@@ -146,6 +146,24 @@ pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Image,
     decode_bytes(&bytes, format, options).map_err(|f| f.at(path))
 }
 
+/// Looks at an image file without decoding it: at its signature, and at the header of PNG and JPEG.
+pub fn check_header(path: impl AsRef<Path>) -> Result<(), ImageError> {
+    let path = path.as_ref();
+    let check = || {
+        let mut file = std::io::BufReader::new(File::open(path).map_err(|e| io_fault("read", &e))?);
+        let start = std::io::BufRead::fill_buf(&mut file).map_err(|e| io_fault("read", &e))?;
+        match Format::from_bytes(start).or_else(|| Format::from_path(path)) {
+            Some(format @ (Format::Png | Format::Jpeg)) => ldr::check_header(file, format),
+            Some(_) => Ok(()),
+            None => {
+                let found = "content and extension of no known image format";
+                Err(Fault::new(ImageErrorKind::UnknownFormat, found, KNOWN, "Convert the file to one of these."))
+            }
+        }
+    };
+    check().map_err(|f: Fault| f.at(path))
+}
+
 /// Decodes an image from memory. `path` appears in errors only.
 pub fn decode(bytes: &[u8], format: Format, options: &ReadOptions, path: &Path) -> Result<Image, ImageError> {
     decode_bytes(bytes, format, options).map_err(|f| f.at(path))

@@ -43,6 +43,12 @@ pub(super) fn decode(bytes: &[u8], format: Format, options: &ReadOptions) -> Res
     Ok(image)
 }
 
+/// Reads the header alone.
+pub(super) fn check_header(file: impl std::io::BufRead + std::io::Seek, format: Format) -> Result<(), Fault> {
+    let kind = if format == Format::Png { ::image::ImageFormat::Png } else { ::image::ImageFormat::Jpeg };
+    ImageReader::with_format(file, kind).into_decoder().map(|_| ()).map_err(|e| fault(&e))
+}
+
 pub(super) fn encode_png(image: &Image, options: &WriteOptions) -> Result<Vec<u8>, Fault> {
     let bytes = to_srgb8(image, options);
     let mut out = Vec::new();

@@ -5,7 +5,7 @@ use glam::Vec3;
 
 use super::load::{self, ToScene};
 use super::xml::{Document, ParseOptions};
-use super::{FilmSettings, IntegratorSettings, SamplerSettings, SceneError};
+use super::{FilmSettings, IntegratorSettings, NeedOverride, SamplerSettings, SceneError};
 use crate::accel::{Accel, AccelKind};
 use crate::bsdf::{self, Bsdf, LobeMask, Material, MaterialId};
 use crate::camera::Camera;
@@ -24,6 +24,8 @@ pub struct LoadOptions {
     /// Film size in place of the file's; with one of them the proportions stay.
     pub width: Option<u32>,
     pub height: Option<u32>,
+    /// `uv=on` and `normals=on` keep the texture coordinates and vertex normals of meshes that have no use for them.
+    pub needs: Vec<NeedOverride>,
 }
 
 /// What was counted while a scene was loaded.
@@ -39,6 +41,12 @@ pub struct SceneStats {
     pub skipped_faces: u64,
     /// Vertex normals without direction, replaced.
     pub repaired_normals: u64,
+    /// Materials and textures that are declared and not used; their files were not read.
+    pub unused: u64,
+    /// Shape groups without an instance; their files were not read.
+    pub unplaced_groups: u64,
+    /// Bytes of texture coordinates and vertex normals that no material has a use for, left out.
+    pub left_out_bytes: u64,
 }
 
 /// A validated, immutable scene: rendering it cannot fail and does no I/O.

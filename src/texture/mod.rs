@@ -92,6 +92,11 @@ impl Textures {
         TextureId(id)
     }
 
+    /// Forgets the textures from `len` on.
+    pub fn truncate(&mut self, len: usize) {
+        self.list.truncate(len);
+    }
+
     /// The texture behind an id.
     #[inline]
     pub fn get(&self, id: TextureId) -> &Texture {

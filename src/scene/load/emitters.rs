@@ -111,14 +111,18 @@ impl<'d> Loader<'d> {
         let Some(path) = q.file("filename")? else {
             return Err(q.error("the envmap has no \"filename\"").help("add <string name=\"filename\" value=\"…\"/>"));
         };
-        let image = crate::image::read(&path).map_err(|e| SceneError::at(q.pos("filename"), e.to_string()))?;
-        self.hash_file(&path, q.pos("filename"))?;
-        q.ignore(&["mis_compensation", "cache", "gamma"]);
         let scale = q.float_or("scale", 1.0)?;
         if scale < 0.0 {
             return Err(q.error_at("scale", format!("\"scale\" is {scale}")).help("it must not be negative"));
         }
         let rotation = invertible(q, "to_world", q.transform("to_world")?)?;
+        q.ignore(&["mis_compensation", "cache", "gamma"]);
+        // Nothing of a picture that is scaled to black is seen.
+        if scale == 0.0 {
+            return Ok(Light::Constant(Constant { radiance: Rgb::BLACK }));
+        }
+        let image = crate::image::read(&path).map_err(|e| SceneError::at(q.pos("filename"), e.to_string()))?;
+        self.hash_file(&path, q.pos("filename"))?;
         let (width, height) = (image.width(), image.height());
         if let Some(i) = image.pixels().iter().position(|p| !(p.is_finite() && p.min_channel() >= 0.0)) {
             let (x, y) = (i % width as usize, i / width as usize);

@@ -6,9 +6,10 @@ mod integrators;
 mod sensors;
 mod shapes;
 mod textures;
+mod unused;
 mod world;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use glam::{DMat4, DVec3, Vec3};
@@ -76,6 +77,19 @@ struct Loader<'d> {
     default_material: Option<MaterialId>,
     textures: Textures,
     texture_ids: HashMap<NodeId, TextureId>,
+    /// Textures that are declared on their own, to be referred to.
+    declared: HashSet<NodeId>,
+    /// What is read now is not used: its parameters are checked, its files stay closed.
+    unused: bool,
+    /// Vertex normals and texture coordinates that stay without a use.
+    keep: Keep,
+}
+
+/// Parts of meshes that are kept whether or not they are used.
+#[derive(Clone, Copy, Default)]
+struct Keep {
+    uv: bool,
+    normals: bool,
 }
 
 impl<'d> Loader<'d> {
@@ -89,6 +103,9 @@ impl<'d> Loader<'d> {
             default_material: None,
             textures: Textures::default(),
             texture_ids: HashMap::new(),
+            declared: HashSet::new(),
+            unused: false,
+            keep: Keep::default(),
         }
     }
 

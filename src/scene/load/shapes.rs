@@ -110,13 +110,19 @@ impl<'d> Loader<'d> {
                         .help("add <string name=\"filename\" value=\"…\"/>"));
                 };
                 q.ignore(&["collapse", "max_smooth_angle", "srgb", "load_materials", "vertex_colors"]);
+                let flip = match kind {
+                    "obj" => q.bool("flip_tex_coords", true)?,
+                    "ply" => q.bool("flip_tex_coords", false)?,
+                    _ => false,
+                };
+                let index = if kind == "serialized" { q.int_in("shape_index", 0..=i64::from(u32::MAX))? } else { None };
+                if self.unused {
+                    return Ok(Source::Mesh(Box::default(), options));
+                }
                 let read = match kind {
-                    "obj" => mesh_io::read_obj(&path, q.bool("flip_tex_coords", true)?),
-                    "ply" => mesh_io::read_ply(&path, q.bool("flip_tex_coords", false)?),
-                    _ => {
-                        let index = q.int_in("shape_index", 0..=i64::from(u32::MAX))?.unwrap_or(0);
-                        mesh_io::read_serialized(&path, index as u32)
-                    }
+                    "obj" => mesh_io::read_obj(&path, flip),
+                    "ply" => mesh_io::read_ply(&path, flip),
+                    _ => mesh_io::read_serialized(&path, index.unwrap_or(0) as u32),
                 };
                 let data = read.map_err(|e| mesh_error(q.pos("filename"), &e))?;
                 self.hash_file(&path, q.pos("filename"))?;

@@ -67,6 +67,8 @@ impl<'d> Loader<'d> {
         if let Some(id) = self.texture_ids.get(&child.node) {
             return Ok(*id);
         }
+        // What is declared on its own may be used in any way.
+        let usage = if self.declared.contains(&child.node) { ColorUse::Unbounded } else { usage };
         let q = Query::new(self.doc, child.node);
         let texture = match q.plugin() {
             "bitmap" => self.bitmap(&q, usage)?,
@@ -125,6 +127,10 @@ impl<'d> Loader<'d> {
         let wrap = q.choice("wrap_mode", Wrap::Repeat, &wraps)?;
         let settings = BitmapSettings { wrap, filter, to_uv: uv_transform(&q.transform("to_uv")?) };
 
+        if self.unused {
+            crate::image::check_header(&path).map_err(|e| SceneError::at(q.pos("filename"), e.to_string()))?;
+            return Ok(Texture::Bitmap(Bitmap::new(&crate::image::Image::constant(1, 1, Rgb::BLACK), settings)));
+        }
         let options = crate::image::ReadOptions { raw, ..Default::default() };
         let image =
             crate::image::read_with(&path, &options).map_err(|e| SceneError::at(q.pos("filename"), e.to_string()))?;

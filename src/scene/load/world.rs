@@ -9,12 +9,14 @@ use super::super::xml::{Document, NodeId, Query, Tag};
 use super::super::{LoadOptions, Position, Scene, SceneError, SceneStats};
 use super::sensors::View;
 use super::shapes::{ShapeDesc, invertible};
-use super::{Loader, ToScene, integrators, not_yet};
+use super::{Keep, Loader, ToScene, integrators, not_yet};
 use crate::accel::Accel;
 use crate::bsdf::{self, Material, MaterialId};
+use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Instance, Shape};
 use crate::light::{AreaLight, Light, LightContext, LightSelector};
 use crate::math::{Bounds3, Transform};
+use crate::texture::ColorParam;
 
 type Box64 = Option<(DVec3, DVec3)>;
 
@@ -39,10 +41,10 @@ struct InstanceDesc {
 
 /// All shapes of a scene in its own world.
 #[derive(Default)]
-struct World<'d> {
+pub(super) struct World<'d> {
     shapes: Vec<ShapeDesc<'d>>,
     groups: Vec<Group<'d>>,
-    group_ids: HashMap<NodeId, usize>,
+    pub(super) group_ids: HashMap<NodeId, usize>,
     instances: Vec<InstanceDesc>,
 }
 
@@ -62,15 +64,12 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     let integrator = integrators::of_scene(&root)?;
     let mut stats = SceneStats::default();
 
-    // Read all that is declared, used or not, so that every mistake is told.
-    for child in root.children(Tag::Bsdf) {
-        loader.material(child.node)?;
-    }
-    for child in root.children(Tag::Texture) {
-        loader.declared_texture(child)?;
-    }
+    // Read what stands in the scene, with all that it refers to.
+    let (bsdfs, textures, shapes) = (root.children(Tag::Bsdf), root.children(Tag::Texture), root.children(Tag::Shape));
+    loader.declared.extend(textures.iter().map(|c| c.node));
+    loader.keep = Keep::of(&options.needs);
     let mut world = World::default();
-    for child in root.children(Tag::Shape) {
+    for child in &shapes {
         loader.add_shape(Query::new(doc, child.node), &mut world)?;
     }
     let emitters = root.children(Tag::Emitter);
@@ -82,9 +81,13 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         Some((min, max)) => ToScene::of_box(min, max),
         None => ToScene { center: DVec3::ZERO, scale: 1.0 },
     };
+    let used = loader.used();
+    loader.check_unused_groups(&shapes, &world, &mut stats)?;
+    loader.check_unused_materials(&bsdfs, &mut stats)?;
+    loader.check_materials()?;
+    loader.forget(used);
     let placed = loader.place(world, &to_scene, &mut stats)?;
     loader.scale_heights(to_scene.scale as f32);
-    loader.check_materials()?;
     let geometry = Arc::new(placed.set);
     let bounds = match geometry.bounds() {
         b if b.is_empty() => Bounds3::new(glam::Vec3::splat(-0.5), glam::Vec3::splat(0.5)),
@@ -95,24 +98,40 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     let sensor = loader.sensor(&sensors, &view, options)?;
 
     // Lights on shapes first, then those that stand alone, both in the order of the file.
+    let hides_emitters = integrator.boolean("hide_emitters") == Some(true);
     let mut lights = Vec::new();
     let mut shape_lights = vec![None; geometry.shapes.len()];
     for (shape, emitter) in placed.emitters.iter().enumerate() {
         if let Some(child) = emitter {
             shape_lights[shape] = Some(lights.len() as u32);
             let radiance = loader.area_radiance(child)?;
+            // A dark lamp is a surface like any other, unless lamps are to be hidden.
+            if radiance == ColorParam::Const(Rgb::BLACK) && !hides_emitters {
+                shape_lights[shape] = None;
+                continue;
+            }
             lights.push(Light::Area(AreaLight::new(&geometry, &loader.textures, shape as u32, radiance)));
         }
     }
-    let mut environment = None;
+    let (mut environment, mut environments) = (None, 0);
     for child in emitters {
         let light = loader.emitter(child, &to_scene, &geometry)?;
-        if light.is_environment() && environment.replace(lights.len() as u32).is_some() {
+        environments += u32::from(light.is_environment());
+        if environments > 1 {
             return Err(SceneError::at(&child.pos, "a second environment light")
                 .help("a scene has at most one envmap or constant emitter"));
         }
+        if light.is_dark(&LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere }) {
+            continue;
+        }
+        if light.is_environment() {
+            environment = Some(lights.len() as u32);
+        }
         lights.push(light);
     }
+    let used = loader.used();
+    loader.check_unused_textures(&textures, &mut stats)?;
+    loader.forget(used);
     let context = LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere };
     let selector = LightSelector::new(lights.iter().map(|l| l.power(&context)));
 
@@ -175,7 +194,8 @@ impl<'d> Loader<'d> {
     /// Adds a shape, group or instance that stands in the scene.
     fn add_shape(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<(), SceneError> {
         match q.plugin() {
-            "shapegroup" => self.group(q, world).map(|_| ()),
+            // Groups are nowhere until an instance places them.
+            "shapegroup" => Ok(()),
             "instance" => self.instance(q, world),
             _ => {
                 world.shapes.push(self.bounded_shape(q)?);
@@ -195,7 +215,7 @@ impl<'d> Loader<'d> {
         }
     }
 
-    fn group(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<usize, SceneError> {
+    pub(super) fn group(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<usize, SceneError> {
         if let Some(&group) = world.group_ids.get(&q.id()) {
             return Ok(group);
         }
@@ -281,10 +301,11 @@ impl<'d> Loader<'d> {
     ) -> Result<u32, SceneError> {
         let (material, emitter, pos) = (desc.material, desc.emitter, desc.pos.clone());
         let nodes = [desc.material_node, emitter.map(|e| e.node)];
-        let shape = desc.finish(map, stats)?;
+        let mut shape = desc.finish(map, stats)?;
         for node in nodes.into_iter().flatten() {
             self.check_attributes(node, &shape, &pos)?;
         }
+        stats.left_out_bytes += self.strip(&mut shape, material, emitter) as u64;
         placed.set.shapes.push(shape);
         placed.materials.push(material);
         placed.emitters.push(emitter);
