@@ -23,3 +23,4 @@ pub mod scene;
 pub mod shoot;
 pub mod tally;
 pub mod texture;
+pub mod verify;

@@ -24,6 +24,7 @@ const STOREYS: &[(&str, u32)] = &[
     ("bench", 8),
     ("render", 8),
     ("report", 9),
+    ("verify", 9),
     ("cli", 10),
     ("main", 11),
 ];

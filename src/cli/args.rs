@@ -37,6 +37,8 @@ pub enum Command {
     Map(MapArgs),
     /// Make a mesh of any size, to render or to measure with.
     Scene(GenerateArgs),
+    /// Render extreme scenes with known answers and say which come out right.
+    Verify(VerifyArgs),
 }
 
 /// The ray-query back end.
@@ -170,6 +172,47 @@ pub struct CompareArgs {
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,
+}
+
+/// The ray-query back ends to verify.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum VerifyAccel {
+    /// Every back end of this build.
+    #[default]
+    Both,
+    Embree,
+    Bvh,
+}
+
+#[derive(Debug, Args)]
+pub struct VerifyArgs {
+    /// Case to run, by default all; may be given many times.
+    #[arg(long = "case", value_name = "NAME", num_args = 1..)]
+    pub cases: Vec<String>,
+    /// Name all cases and stop.
+    #[arg(long)]
+    pub list: bool,
+    /// Ray-query back ends.
+    #[arg(long, value_enum, default_value_t)]
+    pub accel: VerifyAccel,
+    /// Integrators, separated by commas.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all")]
+    pub integrators: Vec<String>,
+    /// Independent renders behind each number.
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u64).range(2..=1 << 16))]
+    pub seeds: u64,
+    /// Leave out what takes long.
+    #[arg(long)]
+    pub fast: bool,
+    /// Folder for the table as HTML, CSV and Markdown.
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Print one JSON object at the end instead of text.
+    #[arg(long)]
+    pub json: bool,
+    /// Worker threads; by default one for each processor.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub threads: Option<u32>,
 }
 
 #[derive(Debug, Args)]

@@ -12,6 +12,7 @@ mod merge;
 mod progress;
 mod reference;
 mod render;
+mod verify;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -80,6 +81,7 @@ pub fn main() -> ExitCode {
         args::Command::Map(a) => map::run(&a),
         args::Command::Info(a) => info::run(&a),
         args::Command::Scene(a) => generate::run(&a),
+        args::Command::Verify(a) => verify::run(&a),
     };
     match result {
         Ok(code) => ExitCode::from(code),

@@ -1,0 +1,180 @@
+//! Direct light between simple shapes: form factors.
+
+use super::super::case::{Case, Item};
+use super::super::methods::Light;
+use super::super::optics::*;
+use super::super::probe::Probe;
+use super::super::xml::*;
+
+pub fn cases() -> Vec<Case> {
+    vec![
+        Case {
+            name: "sphere-light",
+            about: "sphere light of radius R at distance d: E = πL(R/d)² cos θ",
+            items: spheres,
+        },
+        Case {
+            name: "square-light",
+            about: "unit square light above a point: E = πL · 0.239456470",
+            items: square_above,
+        },
+        Case {
+            name: "squares",
+            about: "form factors of parallel and perpendicular squares, and a closed cube",
+            items: squares,
+        },
+        Case { name: "discs", about: "form factors of coaxial discs and concentric spheres", items: discs },
+        Case { name: "grazing-sun", about: "sun at 0.05° and less above a plain: E = E₀ sin h", items: grazing },
+    ]
+}
+
+/// A white floor seen from above through parallel rays; its radiance is E/π.
+fn floor(half: f64) -> String {
+    square([0.0; 3], half, [0.0, 0.0, 1.0], &diffuse(1.0))
+}
+
+/// The view is too small for paths from lights to hit it.
+const NARROW: &[&str] = &["ptracer"];
+
+fn spheres() -> Vec<Item> {
+    let of = |ratio: f64, degrees: f64| {
+        // L so that E = π cos θ.
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let truth = cos;
+        // The camera looks at the point below the sphere from within the gap.
+        let gap = cos - ratio;
+        let eye = if degrees == 0.0 { [0.0, 0.0, 0.5 * gap.min(0.1)] } else { [0.0, 0.0, 0.05] };
+        let view = 1e-3 * gap.min(0.1);
+        let xml = scene(&[
+            depth(-1),
+            parallel_camera(eye, [0.0; 3], view, 4),
+            floor(0.2),
+            sphere([sin, 0.0, cos], ratio, &lamp(ratio.powi(-2))),
+        ]);
+        Probe::new(format!("R/d = {ratio:e}, θ = {degrees}°"), xml, truth, Light::DIRECT)
+            .except(NARROW)
+            .spp(16)
+            .photons(200)
+            .relative(0.005)
+    };
+    let mut items: Vec<Item> = Vec::new();
+    for ratio in [1e-6, 1e-4, 1e-3, 0.1, 0.5, 0.9, 0.999] {
+        let probe = of(ratio, 0.0);
+        items.push(if [1e-6, 0.5].contains(&ratio) { probe.fast() } else { probe }.into());
+    }
+    for (ratio, degrees) in [(1e-6, 60.0), (0.3, 60.0), (0.1, 80.0), (1e-4, 89.0)] {
+        items.push(of(ratio, degrees).into());
+    }
+    items
+}
+
+/// Four corner factors of squares ½ × ½.
+fn square_above() -> Vec<Item> {
+    let truth = 4.0 * corner_factor(0.5, 0.5, 1.0);
+    let of = |what: &str, scale: f64, offset: V3| {
+        let at = |z: f64| [offset[0], offset[1], offset[2] + z * scale];
+        let xml = scene(&[
+            depth(-1),
+            parallel_camera(at(0.5), at(0.0), 1e-3 * scale, 4),
+            square(at(0.0), 0.1 * scale, [0.0, 0.0, 1.0], &diffuse(1.0)),
+            square(at(1.0), 0.5 * scale, [0.0, 0.0, -1.0], &lamp(1.0)),
+        ]);
+        Probe::new(what, xml, truth, Light::DIRECT).except(NARROW).photons(200).relative(0.005)
+    };
+    vec![
+        of("1 m", 1.0, [0.0; 3]).fast().into(),
+        of("1e-9 m", 1e-9, [0.0; 3]).into(),
+        of("1e9 m", 1e9, [0.0; 3]).into(),
+        of("1 m, 1e3 m away", 1.0, [1e3, -1e3, 1e3]).into(),
+        of("1 m, 1e7 m away", 1.0, [1e7, -1e7, 1e7]).fast().into(),
+    ]
+}
+
+/// A square of radiance 1 lights another: the mean radiance of a white one is the form factor from it to the light.
+fn squares() -> Vec<Item> {
+    let parallel = |x: f64| {
+        let xml = scene(&[
+            depth(-1),
+            parallel_camera([0.0, 0.0, 0.5], [0.0; 3], 0.5 * x, 8),
+            square([0.0; 3], 0.5 * x, [0.0, 0.0, 1.0], &diffuse(1.0)),
+            square([0.0, 0.0, 1.0], 0.5 * x, [0.0, 0.0, -1.0], &lamp(1.0)),
+        ]);
+        Probe::new(format!("parallel, X = Y = {x}"), xml, parallel_factor(x, x), Light::DIRECT)
+            .spp(64)
+            .photons(200)
+            .relative(0.005)
+    };
+    let floor_of_cube = || square([0.0; 3], 0.5, [0.0, 0.0, 1.0], &diffuse(1.0));
+    let wall = |n: V3| square([-0.5 * n[0], -0.5 * n[1], 0.5], 0.5, n, &lamp(1.0));
+    let view = || parallel_camera([0.0, 0.0, 0.5], [0.0; 3], 0.5, 8);
+    let perpendicular = scene(&[depth(-1), view(), floor_of_cube(), wall([1.0, 0.0, 0.0])]);
+    let closed = scene(&[
+        depth(-1),
+        view(),
+        floor_of_cube(),
+        wall([1.0, 0.0, 0.0]),
+        wall([-1.0, 0.0, 0.0]),
+        wall([0.0, 1.0, 0.0]),
+        wall([0.0, -1.0, 0.0]),
+        square([0.0, 0.0, 1.0], 0.5, [0.0, 0.0, -1.0], &lamp(1.0)),
+    ]);
+    vec![
+        parallel(1.0).fast().into(),
+        parallel(10.0).into(),
+        parallel(0.01).into(),
+        Probe::new("perpendicular", perpendicular, perpendicular_factor(), Light::DIRECT)
+            .spp(64)
+            .photons(200)
+            .relative(0.01)
+            .fast()
+            .into(),
+        // F∥ + 4 F⊥ = 1.
+        Probe::new("cube of five lights", closed, 1.0, Light::DIRECT).spp(64).photons(200).relative(0.005).into(),
+    ]
+}
+
+fn discs() -> Vec<Item> {
+    let coaxial = scene(&[
+        depth(-1),
+        parallel_camera([0.0, 0.0, 0.5], [0.0; 3], 1.0, 16),
+        disc([0.0; 3], 1.0, true, &diffuse(1.0)),
+        disc([0.0, 0.0, 1.0], 1.0, false, &lamp(1.0)),
+    ]);
+    // The disc fills π/4 of the picture; its rim is sampled like everything else.
+    let truth = std::f64::consts::FRAC_PI_4 * disc_factor(1.0, 1.0, 1.0);
+    // Seen from between the spheres: E at the outer one is π(R₁/R₂)², and what it sends back to itself is its F₂₂ = 1 − F₂₁.
+    let spheres = |rho: f64, ratio: f64| {
+        let xml = scene(&[
+            depth(-1),
+            camera([0.0, 0.0, 0.5 * (1.0 + ratio)], [0.0, 0.0, 1.0], 60.0, (8, 8)),
+            hollow([0.0; 3], 1.0, &diffuse(rho)),
+            sphere([0.0; 3], ratio, &lamp(1.0)),
+        ]);
+        let f21 = ratio * ratio;
+        let truth = rho * f21 / (1.0 - rho * (1.0 - f21));
+        Probe::new(format!("spheres, R₁/R₂ = {ratio}, ρ = {rho}"), xml, truth, Light::DIRECT | Light::INDIRECT)
+            .spp(32)
+            .photons(5_000)
+    };
+    vec![
+        Probe::new("coaxial, r = h", coaxial, truth, Light::DIRECT).spp(64).photons(200).relative(0.005).fast().into(),
+        spheres(0.5, 0.5).fast().into(),
+        spheres(0.5, 0.01).into(),
+        spheres(0.9, 0.9).relative(0.02).into(),
+    ]
+}
+
+/// A parallel beam at elevation h lights a plain with E₀ sin h.
+fn grazing() -> Vec<Item> {
+    let of = |degrees: f64| {
+        let h = degrees.to_radians();
+        let xml = scene(&[
+            depth(-1),
+            parallel_camera([0.0, 0.0, 0.5], [0.0; 3], 0.5, 4),
+            floor(1.0),
+            sun([h.cos(), 0.0, -h.sin()], std::f64::consts::PI / h.sin()),
+        ]);
+        Probe::new(format!("h = {degrees}°"), xml, 1.0, Light::DIRECT).photons(200).relative(1e-4)
+    };
+    vec![of(1.0).into(), of(0.05).fast().into(), of(0.001).into(), of(0.0001).into()]
+}

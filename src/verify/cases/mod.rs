@@ -1,0 +1,27 @@
+//! The cases by family.
+
+mod exchange;
+mod furnace;
+mod geometry;
+mod photons;
+mod scale;
+mod slab;
+mod views;
+
+use super::case::Case;
+
+/// All cases, in the order of the table.
+pub fn all() -> Vec<Case> {
+    [
+        furnace::cases(),
+        exchange::cases(),
+        slab::cases(),
+        photons::cases(),
+        scale::cases(),
+        geometry::cases(),
+        views::cases(),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
