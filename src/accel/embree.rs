@@ -65,10 +65,15 @@ impl EmbreeAccel {
     }
 }
 
-/// Our rays end before `tmax`, Embree's at `tfar`.
+/// Our rays begin behind 0 and end before `tmax`; Embree's begin at `tnear` and end at `tfar`.
 #[inline]
 fn query(ray: &Ray) -> rtc::Ray {
-    rtc::Ray { origin: ray.o.to_array(), direction: ray.d.to_array(), tnear: 0.0, tfar: ray.tmax.next_down() }
+    rtc::Ray {
+        origin: ray.o.to_array(),
+        direction: ray.d.to_array(),
+        tnear: f32::MIN_POSITIVE,
+        tfar: ray.tmax.next_down(),
+    }
 }
 
 fn build(set: &Arc<GeometrySet>) -> Result<EmbreeAccel, rtc::Error> {

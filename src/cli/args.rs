@@ -204,7 +204,7 @@ pub struct VerifyArgs {
     /// Leave out what takes long.
     #[arg(long)]
     pub fast: bool,
-    /// Folder for the table as HTML, CSV and Markdown.
+    /// Folder for the table as HTML, CSV and Markdown, and for the plot of stiffness.
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// Print one JSON object at the end instead of text.

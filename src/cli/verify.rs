@@ -9,7 +9,7 @@ use super::args::{VerifyAccel, VerifyArgs};
 use super::{CliError, FAILED, print};
 use crate::accel::AccelKind;
 use crate::render::METHODS;
-use crate::verify::{Options, Row, back_ends, csv, html, markdown, names, run as verify, summary_line};
+use crate::verify::{Options, Row, back_ends, csv, curves, html, markdown, names, run as verify, summary_line, svg};
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -40,7 +40,8 @@ pub fn run(a: &VerifyArgs) -> Result<u8, CliError> {
     });
     let seconds = started.elapsed().as_secs_f64();
     if let Some(dir) = &a.output {
-        write(dir, &rows)?;
+        let stiffness = if options.fast { String::new() } else { svg(&curves()) };
+        write(dir, &rows, &stiffness)?;
     }
     let failed = rows.iter().filter(|r| r.verdict.is_bad()).count();
     if a.json {
@@ -82,12 +83,15 @@ fn options(a: &VerifyArgs) -> Result<Options, CliError> {
 }
 
 /// Writes the tables into a folder.
-fn write(dir: &Path, rows: &[Row]) -> Result<(), CliError> {
+fn write(dir: &Path, rows: &[Row], stiffness: &str) -> Result<(), CliError> {
     let put = |name: &str, text: String| {
         let path = dir.join(name);
         std::fs::write(&path, text).map_err(|e| CliError::Failed(format!("{}: {e}", path.display())))
     };
     put("verify.csv", csv(rows))?;
     put("verify.md", markdown(rows))?;
-    put("verify.html", html(rows, "caustica verify", ""))
+    if !stiffness.is_empty() {
+        put("stiffness.svg", stiffness.to_owned())?;
+    }
+    put("verify.html", html(rows, "caustica verify", stiffness))
 }

@@ -1,6 +1,6 @@
 //! Radiance from a photon map by density estimation within a radius that is known beforehand, as progressive methods do.
 
-use super::photons::{MIN_NORMAL_COS, SCRATCH, above_horizon};
+use super::photons::{MIN_NORMAL_COS, SCRATCH, above_horizon, flux_cosine};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
@@ -47,7 +47,7 @@ impl RadiusMap {
         self.sum(si, side, r_sq, |i| {
             let wi = above_horizon(self.map.direction(i), si.ng, self.map.side(i));
             // eval() has |wi·ns|; what photons count is flux through the geometric surface, |wi·ng|.
-            bsdf.eval(si.wo, wi, Mode::Radiance, LobeMask::SMOOTH_WIDE) * self.map.power(i) / wi.dot(si.ng).abs()
+            bsdf.eval(si.wo, wi, Mode::Radiance, LobeMask::SMOOTH_WIDE) * self.map.power(i) / flux_cosine(si, wi)
         })
     }
 

@@ -151,7 +151,7 @@ impl Lookup {
             let term = |i: u32| {
                 let wi = above_horizon(self.map.direction(i), si.ng, self.map.side(i));
                 // eval() has |wi·ns|; what photons count is flux through the geometric surface, |wi·ng|.
-                bsdf.eval(si.wo, wi, Mode::Radiance, LobeMask::SMOOTH_WIDE) * self.map.power(i) / wi.dot(si.ng).abs()
+                bsdf.eval(si.wo, wi, Mode::Radiance, LobeMask::SMOOTH_WIDE) * self.map.power(i) / flux_cosine(si, wi)
             };
             let sum = self.sum(si.p, si.ng, side, scratch, term);
             sum.map_or(MapEstimate::default(), |(radiance, radius_sq)| MapEstimate { radiance, radius_sq })
@@ -193,6 +193,21 @@ impl Lookup {
         Some((sum, radius_sq))
     }
 }
+
+/// What to divide `f·|wi·ns|` by for a photon that came in along `wi`: the cosine with the geometric surface, through which
+/// photons count flux.
+///
+/// The quotient of the two cosines is 1 on average, but a photon may have landed on another facet of a curved surface, where
+/// its own cosine was not small and this one is: the mean of `|wi·ns|/|wi·ng|` is then infinite. Adding [`SOFT_COS`] to both
+/// bounds it, and changes nothing where the normals agree.
+#[inline]
+pub(super) fn flux_cosine(si: &SurfaceInteraction, wi: Vec3) -> f32 {
+    let (g, s) = (wi.dot(si.ng).abs(), wi.dot(si.ns).abs().max(MIN_COS));
+    s * ((g + SOFT_COS) / (s + SOFT_COS))
+}
+
+/// See [`flux_cosine`].
+const SOFT_COS: f32 = 0.1;
 
 /// A stored direction put back on the side of the surface that the photon is known to have come from.
 #[inline]

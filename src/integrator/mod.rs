@@ -18,7 +18,7 @@ use crate::color::Rgb;
 use crate::geometry::{Ray, SurfaceInteraction};
 use crate::sample::Sampler;
 use crate::scene::Scene;
-use crate::shoot::{CERTAIN_SURVIVAL, MANY_EDGES};
+use crate::shoot::survival;
 use crate::tally::Counters;
 
 /// One sample of the film.
@@ -42,23 +42,19 @@ pub type MaxDepth = Option<u32>;
 ///
 /// `eta` is the product of the relative indices crossed: its square undoes the scaling of radiance inside dielectrics.
 /// Survivors never weigh more than 1: ending at least one path in twenty whatever its weight, as is often done, lets the
-/// weight grow without bound where albedos exceed 0.95, and the variance with it. Only where light is lost so slowly that
-/// a path passes [`MANY_EDGES`] does roulette end some for certain.
+/// weight grow without bound where albedos exceed 0.95, and the variance with it. See [`survival`] for paths without loss.
 #[inline]
 fn roulette(beta: &mut Rgb, eta: f32, depth: u32, rr_depth: u32, sampler: &mut Sampler) -> bool {
     let largest = beta.max_channel();
     if largest <= 0.0 || largest.is_nan() {
         return false;
     }
-    if depth >= rr_depth {
-        let most = if depth >= MANY_EDGES { CERTAIN_SURVIVAL } else { 1.0 };
-        let survive = (largest * eta * eta).min(most);
-        if survive < 1.0 {
-            if sampler.next_1d() >= survive {
-                return false;
-            }
-            *beta *= 1.0 / survive;
+    let survive = survival(largest * eta * eta, depth, rr_depth);
+    if survive < 1.0 {
+        if sampler.next_1d() >= survive {
+            return false;
         }
+        *beta *= 1.0 / survive;
     }
     true
 }

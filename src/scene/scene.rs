@@ -130,7 +130,7 @@ impl Scene {
         let w = to.0 - from.0;
         let a = offset_ray_origin(from.0, from.1, from.2, w);
         let b = offset_ray_origin(to.0, to.1, to.2, -w);
-        !self.accel.occluded(&Ray::segment(a, b - a, 1.0 - 1e-4))
+        !self.accel.occluded(&Ray::segment(a, b - a, 1.0 - 4.0 * f32::EPSILON))
     }
 
     /// The material at a point, ready for use.

@@ -4,7 +4,7 @@ mod balance;
 mod walk;
 
 pub use balance::EnergyBalance;
-pub use walk::{CERTAIN_SURVIVAL, Deposit, MANY_EDGES, Target, WalkSettings};
+pub use walk::{Deposit, MANY_EDGES, Target, WalkSettings, survival};
 
 use rayon::prelude::*;
 

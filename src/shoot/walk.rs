@@ -49,11 +49,30 @@ pub struct WalkSettings {
     pub sequence: Sequence,
 }
 
-/// Edges after which roulette ends some paths whatever they carry, so that light trapped without loss ends too.
+/// Edges after which roulette also ends paths that lose nothing, so that light trapped for ever ends too.
 pub const MANY_EDGES: u32 = 4096;
 
-/// Largest probability of survival beyond [`MANY_EDGES`].
-pub const CERTAIN_SURVIVAL: f32 = 1.0 - 1.0 / 65536.0;
+/// Probability of survival of such paths at each edge.
+const CERTAIN_SURVIVAL: f32 = 1.0 - 1.0 / 65536.0;
+
+/// What rounding leaves of 1. Above it nothing is lost.
+const LOSSLESS: f32 = 1.0 - 4.0 * f32::EPSILON;
+
+/// Probability with which Russian roulette lets a path go on that keeps the share `kept` of its power, after `depth` edges.
+///
+/// Equal to `kept`, so that weights stay as they are. A path that is trapped without loss would never end: it is let go at
+/// most 65 536 edges on average after its first 4096. That must not happen to one that loses a little: ended more often than
+/// it loses, its weight would grow without bound, and with it the variance where albedos exceed 1 − 2⁻¹⁷.
+#[inline]
+pub fn survival(kept: f32, depth: u32, rr_depth: u32) -> f32 {
+    if depth >= MANY_EDGES && kept >= LOSSLESS {
+        CERTAIN_SURVIVAL
+    } else if depth >= rr_depth {
+        kept.min(1.0)
+    } else {
+        1.0
+    }
+}
 
 /// The photons and tallies of one batch of paths.
 #[derive(Debug)]
@@ -145,10 +164,7 @@ impl Deposit {
                 (specular_chain, scattered) = (false, true);
             }
             // Russian roulette on the largest channel keeps the powers of stored photons alike [Jensen 2001, §5.2].
-            let mut survive = if depth >= self.walk.rr_depth { flux.max_channel() / before.max_channel() } else { 1.0 };
-            if depth >= MANY_EDGES {
-                survive = survive.min(CERTAIN_SURVIVAL);
-            }
+            let survive = survival(flux.max_channel() / before.max_channel(), depth, self.walk.rr_depth);
             if survive < 1.0 {
                 let unlucky = sampler.next_1d() >= survive;
                 let after = if unlucky { Rgb::BLACK } else { flux / survive };

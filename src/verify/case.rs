@@ -111,22 +111,30 @@ pub struct Outcome {
     pub expected: f64,
     pub spread: Spread,
     pub note: String,
+    /// Why this is known to go wrong, should it: the row is then listed as not yet possible.
+    pub limitation: Option<&'static str>,
 }
 
 impl Outcome {
     /// A number without noise.
     pub fn exact(expected: f64, measured: f64) -> Self {
-        Self { expected, spread: Spread { mean: measured, error: 0.0 }, note: String::new() }
+        Self { expected, spread: Spread { mean: measured, error: 0.0 }, note: String::new(), limitation: None }
     }
 
     /// Independent estimates of one number.
     pub fn estimates(expected: f64, values: impl IntoIterator<Item = f64>) -> Self {
-        Self { expected, spread: Spread::of(values), note: String::new() }
+        Self { expected, spread: Spread::of(values), note: String::new(), limitation: None }
     }
 
     /// Adds what a reader may want to know.
     pub fn note(mut self, note: impl Into<String>) -> Self {
         self.note = note.into();
+        self
+    }
+
+    /// A failure is a limitation of something that is not ours.
+    pub fn limited(mut self, why: &'static str) -> Self {
+        self.limitation = Some(why);
         self
     }
 }

@@ -10,6 +10,7 @@ mod judge;
 mod methods;
 mod optics;
 mod probe;
+mod stiff;
 mod table;
 mod trace;
 mod xml;
@@ -19,6 +20,7 @@ pub use cases::all;
 pub use judge::{Judge, Row, Spread, Verdict};
 pub use methods::Light;
 pub use probe::Probe;
+pub use stiff::{Curve, Point, curves, svg};
 pub use table::{csv, html, markdown, summary_line};
 
 use std::time::Instant;
@@ -114,6 +116,10 @@ fn run_check(case: &Case, check: &Check, options: &Options, add: &mut dyn FnMut(
         let name = if check.needs_accel { accel_name(accel) } else { "" };
         let row =
             Row::judge(case.name, &check.parameter, check.what, name, outcome.expected, &outcome.spread, &check.judge);
+        let row = match outcome.limitation {
+            Some(why) if row.verdict == Verdict::Fail => Row { verdict: Verdict::NotYet, ..row }.with_note(why),
+            _ => row,
+        };
         add(row.with_note(outcome.note).timed(started.elapsed().as_secs_f64(), check.limit));
     }
 }

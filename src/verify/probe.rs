@@ -159,9 +159,16 @@ impl Probe {
         Row::judge(case, &self.parameter, method, accel, self.expected, &spread, judge)
     }
 
+    /// Progressive photon mapping shoots all photons anew for each sample of a pixel.
+    fn spp_of(&self, method: &str) -> u64 {
+        let progressive = matches!(method, "ppm" | "sppm") && self.photons > 500;
+        if progressive { (self.spp / 16).clamp(2, 4) } else { self.spp }
+    }
+
     fn renders(&self, scene: &Scene, method: &str, seeds: std::ops::RangeInclusive<u64>) -> Vec<Run> {
         let limit = Duration::from_secs_f64(self.limit);
-        let one = |seed| Run::of(&render_once(scene, method, self.spp, self.photons, seed, Some(limit)));
+        let spp = self.spp_of(method);
+        let one = |seed| Run::of(&render_once(scene, method, spp, self.photons, seed, Some(limit)));
         seeds.into_par_iter().map(one).collect()
     }
 }

@@ -1,9 +1,8 @@
 //! Single rays through smooth surfaces.
 
-use crate::accel::AccelKind;
 use crate::bsdf::{LobeMask, Mode};
 use crate::geometry::Ray;
-use crate::math::{DVec3, Vec2, Vec3};
+use crate::math::{DVec3, Vec2};
 use crate::scene::Scene;
 
 /// What a ray does at a smooth surface.
@@ -33,22 +32,7 @@ pub fn follow(scene: &Scene, origin: DVec3, direction: DVec3, turns: &[Turn]) ->
     Some((scene.to_scene.to_world(p), ray.d.as_dvec3()))
 }
 
-/// The scene of a text that is known to be right.
-pub fn scene(xml: &str, accel: AccelKind) -> Scene {
-    super::probe::load(xml, &[], accel).unwrap_or_else(|e| panic!("the program's own scene: {e}"))
-}
-
-/// A vector of the world in f64.
-pub fn v3([x, y, z]: [f64; 3]) -> DVec3 {
-    DVec3::new(x, y, z)
-}
-
 /// The angle between two directions in radians, accurate for small ones.
 pub fn angle(a: DVec3, b: DVec3) -> f64 {
     a.cross(b).length().atan2(a.dot(b))
-}
-
-/// A random direction from a stream.
-pub fn any_direction(s: &mut crate::sample::Sampler) -> Vec3 {
-    crate::sample::warp::uniform_sphere(s.next_2d())
 }

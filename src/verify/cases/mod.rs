@@ -3,6 +3,8 @@
 mod exchange;
 mod furnace;
 mod geometry;
+mod later;
+mod lenses;
 mod photons;
 mod scale;
 mod slab;
@@ -16,10 +18,13 @@ pub fn all() -> Vec<Case> {
         furnace::cases(),
         exchange::cases(),
         slab::cases(),
+        lenses::cases(),
         photons::cases(),
         scale::cases(),
         geometry::cases(),
         views::cases(),
+        super::stiff::cases(),
+        later::cases(),
     ]
     .into_iter()
     .flatten()

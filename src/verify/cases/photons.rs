@@ -8,7 +8,7 @@ use super::super::xml::*;
 use crate::color::Rgb;
 use crate::math::Vec3;
 use crate::photon::{Kernel, KnnScratch, Photon, PhotonClass, PhotonMap, PhotonRecord};
-use crate::sample::{Key, Purpose, Sampler, Sequence};
+use crate::sample::{Key, Purpose, Sampler, Sequence, hash_u64};
 use std::f64::consts::PI;
 
 pub fn cases() -> Vec<Case> {
@@ -270,13 +270,7 @@ fn saturated() -> Vec<Item> {
         move |n: u64| {
             let one = |seed: u64| {
                 let sum: f64 = (0..20_000)
-                    .filter_map(|i| {
-                        photon(
-                            Vec3::ZERO,
-                            scale * Rgb::new(1.0, 0.001, 0.0),
-                            stream(seed, i).next_1d().to_bits() as u64 ^ (i << 32),
-                        )
-                    })
+                    .filter_map(|i| photon(Vec3::ZERO, scale * Rgb::new(1.0, 0.001, 0.0), hash_u64(seed, i)))
                     .map(|p| p.unpack().power.to_array()[channel] as f64 / scale as f64)
                     .sum();
                 sum / 20_000.0

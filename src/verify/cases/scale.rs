@@ -30,7 +30,7 @@ fn box_of_things(size: f64, offset: f64, power: f64) -> String {
     let wall = |center: V3, normal: V3, inside: &str| square(at(center), size, normal, inside);
     scene(&[
         depth(-1),
-        camera(at([0.0, -0.9, 0.0]), at([0.0, 1.0, -0.2]), 70.0, (16, 16)),
+        camera(at([0.0, -0.9, 0.0]), at([0.0, 1.0, -0.2]), 70.0, (8, 8)),
         wall(
             [0.0, 0.0, -1.0],
             [0.0, 0.0, 1.0],
@@ -48,7 +48,7 @@ fn box_of_things(size: f64, offset: f64, power: f64) -> String {
 
 fn picture(xml: &str, accel: AccelKind, method: &str, seed: u64) -> Image {
     let scene = load(xml, &[], accel).unwrap_or_else(|e| panic!("the program's own scene: {e}"));
-    render_once(&scene, method, 16, 3000, seed, None).image
+    render_once(&scene, method, 4, 1000, seed, None).image
 }
 
 /// Pixels of which a channel differs from `scale` times the other's.
@@ -80,11 +80,11 @@ fn invariance() -> Vec<Item> {
                 .into(),
             );
         }
-        // Other factors round the geometry, so that now and then a ray passes an edge on its other side; the mean of 64
+        // Other factors round the geometry, so that now and then a ray passes an edge on its other side; the mean of some
         // pictures of the same random numbers hardly moves.
         let nearly = |what: String, size: f64, offset: f64, power: f64, relative: f64| {
             Check::new(what, method, move |accel, seeds| {
-                let total = |xml: &str| (1..=seeds).map(|s| mean(&picture(xml, accel, method, s))).sum::<f64>();
+                let total = |xml: &str| (1..=seeds / 4).map(|s| mean(&picture(xml, accel, method, s))).sum::<f64>();
                 let reference = total(&box_of_things(1.0, 0.0, 1.0));
                 Outcome::exact(reference, total(&box_of_things(size, offset, power)) / power)
             })

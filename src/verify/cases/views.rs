@@ -38,7 +38,7 @@ fn empty() -> Vec<Item> {
         all.extend_from_slice(pieces);
         Probe::new(what, scene(&all), truth, light).spp(4).photons(500).fast()
     };
-    let dark_lamp = || square([0.0, 0.0, 3.0], 1.0, [0.0, 0.0, -1.0], &lamp(0.0));
+    let dark_lamp = || square([2.5, 0.0, 3.0], 0.2, [0.0, 0.0, -1.0], &lamp(0.0));
     // Below a lamp of radiance 1: ρ times the form factor; see the case square-light.
     let lamp_above = || square([0.0, 0.0, 3.0], 1.0, [0.0, 0.0, -1.0], &lamp(1.0));
     vec![
@@ -89,8 +89,12 @@ fn mean_below_lamp(rho: f64) -> f64 {
 
 fn films() -> Vec<Item> {
     let of = |size: (u32, u32), spp: u64| {
+        // Without gathering: a picture of so many pixels is long.
         let xml = scene(&[
-            depth(-1),
+            photon_mapper(&[
+                ("boolean", "final_gather", "false".into()),
+                ("float", "global_lookup_radius", "0.25".into()),
+            ]),
             camera([0.1, 0.2, -0.3], [0.5, 0.1, 1.0], 90.0, size),
             hollow([0.0; 3], 1.0, &(diffuse(0.5) + &emits(0.5))),
         ]);
@@ -115,7 +119,9 @@ fn surfaces() -> Vec<Item> {
         )
     };
     let of = |what: &str, origin: V3, target: V3, more: String, truth: f64, light: Light| {
-        Probe::new(what, scene(&[depth(-1), camera(origin, target, 60.0, (8, 8)), room(), more]), truth, light).spp(32)
+        Probe::new(what, scene(&[depth(-1), camera(origin, target, 60.0, (8, 8)), room(), more]), truth, light)
+            .spp(32)
+            .bias(0.025)
     };
     let ball = |n: f64| sphere([0.0; 3], 0.5, &glass(n));
     let wall_light = |z: f64| {
