@@ -146,6 +146,9 @@ pub struct RenderArgs {
     /// Seed of all random numbers.
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// Dim samples above this radiance: fireflies go, and with them some light, which is reported. Off by default.
+    #[arg(long, value_name = "RADIANCE", value_parser = positive)]
+    pub clamp: Option<f32>,
     /// Exposure of .png output in stops.
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub exposure: f32,
@@ -454,6 +457,14 @@ fn count(s: &str) -> Result<u64, String> {
     };
     let n = number.parse::<f64>().map_err(|_| expected())? * unit;
     if (1.0..=4e8).contains(&n) { Ok(n.round() as u64) } else { Err(expected()) }
+}
+
+/// A number above zero.
+fn positive(s: &str) -> Result<f32, String> {
+    s.parse()
+        .ok()
+        .filter(|v: &f32| v.is_finite() && *v > 0.0)
+        .ok_or_else(|| format!("found {s:?}, expected a number above 0"))
 }
 
 fn key_value(s: &str) -> Result<(String, String), String> {

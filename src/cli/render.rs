@@ -49,6 +49,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             pass_range: a.pass_range.clone(),
             seed: a.seed,
             timed: a.time.is_some(),
+            clamp: a.clamp,
             track_error: a.aov.contains(&Aov::Variance),
             track_bias: a.aov.contains(&Aov::Bias),
             target_error: a.target_error,
@@ -214,6 +215,10 @@ fn print_summary(scene: &Scene, s: &Summary, seconds: f64, loaded: f64, outputs:
     ));
     if let Some(e) = s.estimated_relmse {
         print(&format!("estimated error    relmse {e:.3e}, from the differences between passes"));
+    }
+    if let Some(c) = &s.clamp {
+        let bias = c.bias.map(|b| format!("{b:+.3e}")).join(" ");
+        print(&format!("clamp at {:<9} {} samples dimmed; bias of the mean radiance {bias}", c.limit, c.samples));
     }
     print(&format!("dropped samples    {} NaN, {} infinite of {}", c.nan_samples, c.infinite_samples, c.samples));
     for path in outputs {

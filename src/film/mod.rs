@@ -1,5 +1,6 @@
 //! The film: weighted f64 sums per pixel, filled tile by tile in a fixed order so that no thread count shows.
 
+mod clamp;
 mod filter;
 mod state;
 #[cfg(test)]
@@ -8,6 +9,7 @@ mod tile;
 
 use glam::Vec2;
 
+pub use clamp::Clamp;
 pub use filter::{MAX_RADIUS, ReconstructionFilter};
 pub use state::FilmState;
 pub use tile::{FilmTile, TILE_SIZE};
@@ -27,6 +29,7 @@ pub struct Film {
     /// One over the filter's integral around each column and each row.
     splat_norm: [Vec<f64>; 2],
     non_finite: u64,
+    clamp: Clamp,
 }
 
 /// Splats of one batch of light paths, to be merged in the order of the batches.
@@ -62,7 +65,19 @@ impl Film {
             splats: Vec::new(),
             splat_norm: [window.crop_size.0, window.crop_size.1].map(|pixels| splat_norms(filter, pixels)),
             non_finite: 0,
+            clamp: Clamp::default(),
         }
+    }
+
+    /// Dims samples and splats whose largest channel is above `limit`, and counts what that takes away.
+    pub fn with_clamp(mut self, limit: Option<f32>) -> Self {
+        self.clamp = Clamp::new(limit);
+        self
+    }
+
+    /// What the clamp has taken away.
+    pub fn clamp(&self) -> Clamp {
+        self.clamp
     }
 
     pub fn window(&self) -> FilmWindow {
@@ -95,7 +110,7 @@ impl Film {
         let columns = w.div_ceil(TILE_SIZE);
         let (x, y) = (index as u32 % columns * TILE_SIZE, index as u32 / columns * TILE_SIZE);
         let (x1, y1) = ((x + TILE_SIZE).min(w), (y + TILE_SIZE).min(h));
-        FilmTile::new(&self.window, self.filter, (x, y), (x1, y1))
+        FilmTile::new(&self.window, self.filter, (x, y), (x1, y1), self.clamp.limit)
     }
 
     /// Adds the sums of another film of the same window and filter, for example of another pass.
@@ -112,6 +127,7 @@ impl Film {
             }
         }
         self.non_finite += other.non_finite;
+        self.clamp += other.clamp;
     }
 
     /// Adds a tile. Tiles must come in a fixed order for the sums to be the same bits every time.
@@ -123,6 +139,7 @@ impl Film {
             }
         }
         self.non_finite += tile.non_finite();
+        self.clamp += tile.clamp();
     }
 
     /// Adds one sample at a film position in pixels of the whole film; true unless it was dropped. For single-threaded
@@ -132,6 +149,7 @@ impl Film {
             self.non_finite += 1;
             return false;
         }
+        let value = self.clamp.apply(value);
         let (w, h) = self.crop_size();
         Reach::new(&self.window, self.filter, film_pos).for_each((0, 0), (w as i32, h as i32), |x, y, weight| {
             self.sums[y as usize * w as usize + x as usize].add(value, weight as f64);
@@ -147,6 +165,7 @@ impl Film {
             self.non_finite += 1;
             return false;
         }
+        let value = self.clamp.apply(value);
         let (w, h) = self.crop_size();
         self.splats.resize(self.sums.len(), [0.0; 3]);
         let (splats, [columns, rows]) = (&mut self.splats, &self.splat_norm);

@@ -3,7 +3,7 @@ use std::ops::AddAssign;
 use arrayvec::ArrayVec;
 use glam::Vec2;
 
-use super::{MAX_RADIUS, ReconstructionFilter};
+use super::{Clamp, MAX_RADIUS, ReconstructionFilter};
 use crate::color::Rgb;
 use crate::image::FilmWindow;
 
@@ -107,14 +107,21 @@ pub struct FilmTile {
     border: i32,
     sums: Vec<Sum>,
     non_finite: u64,
+    clamp: Clamp,
 }
 
 impl FilmTile {
-    pub(super) fn new(window: &FilmWindow, filter: ReconstructionFilter, low: (u32, u32), high: (u32, u32)) -> Self {
+    pub(super) fn new(
+        window: &FilmWindow,
+        filter: ReconstructionFilter,
+        low: (u32, u32),
+        high: (u32, u32),
+        clamp: Option<f32>,
+    ) -> Self {
         let border = (filter.radius() - 0.5).max(0.0).ceil() as i32;
         let (w, h) = ((high.0 - low.0) as usize, (high.1 - low.1) as usize);
         let sums = vec![Sum::default(); (w + 2 * border as usize) * (h + 2 * border as usize)];
-        Self { window: *window, filter, low, high, border, sums, non_finite: 0 }
+        Self { window: *window, filter, low, high, border, sums, non_finite: 0, clamp: Clamp::new(clamp) }
     }
 
     /// The pixels to render, row by row, as integer coordinates in the whole film.
@@ -129,6 +136,11 @@ impl FilmTile {
         self.non_finite
     }
 
+    /// What the clamp has taken away.
+    pub fn clamp(&self) -> Clamp {
+        self.clamp
+    }
+
     /// Adds a sample at a film position in pixels of the whole film; true unless it was dropped.
     #[inline]
     pub fn add_sample(&mut self, film_pos: Vec2, value: Rgb) -> bool {
@@ -136,6 +148,7 @@ impl FilmTile {
             self.non_finite += 1;
             return false;
         }
+        let value = self.clamp.apply(value);
         let (low, high, width) = self.extent();
         Reach::new(&self.window, self.filter, film_pos).for_each(low, high, |x, y, weight| {
             self.sums[(y - low.1) as usize * width + (x - low.0) as usize].add(value, weight as f64);

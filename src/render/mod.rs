@@ -15,7 +15,7 @@ pub use doubt::Doubt;
 pub use pass::render_pass;
 pub use plan::{METHODS, Method, Plan, PlanError, PlanOverrides};
 pub use session::Session;
-pub use summary::{MapSummary, Phase, Summary};
+pub use summary::{ClampSummary, MapSummary, Phase, Summary};
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};

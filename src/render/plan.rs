@@ -50,6 +50,8 @@ pub struct PlanOverrides {
     pub seed: Option<u64>,
     /// The render ends by the clock, so that without `spp` or `passes` it has no other end.
     pub timed: bool,
+    /// As [`Plan::clamp`].
+    pub clamp: Option<f32>,
     /// As [`Plan::track_error`].
     pub track_error: bool,
     /// As [`Plan::track_bias`].
@@ -97,6 +99,8 @@ pub struct Plan {
     pub spp_per_pass: u64,
     /// Camera samples per pixel of all passes from 0 on, the last of which may be smaller; `None` where time ends them.
     pub spp: Option<u64>,
+    /// Dim samples above this radiance, which removes fireflies and some of the light; the summary tells how much.
+    pub clamp: Option<f32>,
     /// Keep what is needed to tell the noise of every pixel.
     pub track_error: bool,
     /// Photon maps to read in place of shooting photons, by the names of their targets; every pass reads the same.
@@ -161,6 +165,7 @@ impl Plan {
             spp_per_pass,
             spp: bounded.then_some(spp),
             stored_maps: None,
+            clamp: o.clamp,
             track_error: o.track_error || o.track_bias || o.target_error.is_some(),
             track_bias: o.track_bias,
             target_error: o.target_error,

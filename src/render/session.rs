@@ -1,4 +1,4 @@
-use super::{Control, Method, Plan, Summary, doubt::Doubt, progressive::Progressive, render_pass};
+use super::{ClampSummary, Control, Method, Plan, Summary, doubt::Doubt, progressive::Progressive, render_pass};
 use crate::color::Rgb;
 use crate::film::Film;
 use crate::gather::PhotonMaps;
@@ -31,7 +31,7 @@ pub struct Session<'s> {
 impl<'s> Session<'s> {
     /// A render that has not begun.
     pub fn new(scene: &'s Scene, plan: &Plan) -> Self {
-        let film = Film::new(scene.camera.window(), scene.film.filter);
+        let film = Film::new(scene.camera.window(), scene.film.filter).with_clamp(plan.clamp);
         Self {
             scene,
             doubt: plan.track_error.then(|| Doubt::new(&film, plan.track_bias)),
@@ -62,7 +62,7 @@ impl<'s> Session<'s> {
         let samples = self.plan.samples_of(self.next);
         let spp = samples.end - samples.start;
         // Give every pass a film of its own, so that no pass depends on those before it.
-        let mut film = Film::new(self.film.window(), self.film.filter());
+        let mut film = Film::new(self.film.window(), self.film.filter()).with_clamp(self.plan.clamp);
         let mut poorer = None;
         let (done, passes) = (self.passes() as f64, (self.plan.passes.end - self.plan.passes.start) as f64);
         let report = |fraction: f64| {
@@ -92,7 +92,7 @@ impl<'s> Session<'s> {
                     self.summary.time("render", || render_pass(scene, &recipe, &mut film, seed, range, &report));
                 // See the same samples with narrower estimates from the same photons.
                 if self.plan.track_bias {
-                    let other = poorer.insert(Film::new(film.window(), film.filter()));
+                    let other = poorer.insert(Film::new(film.window(), film.filter()).with_clamp(self.plan.clamp));
                     counters += self.summary.time("estimate bias", || {
                         maps.narrow();
                         let recipe = PhotonMapper { settings, maps: &maps };
@@ -110,6 +110,7 @@ impl<'s> Session<'s> {
         self.film.add(&film);
         self.summary.counters += counters;
         self.summary.spp += spp;
+        self.summary.clamp = ClampSummary::of(&self.film, self.summary.spp);
         self.next += 1;
         self.summary.passes = self.passes();
     }

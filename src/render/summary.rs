@@ -3,6 +3,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::Plan;
+use crate::film::Film;
 use crate::shoot::{EnergyBalance, Shot, Target};
 use crate::tally::Counters;
 
@@ -25,6 +26,26 @@ pub struct MapSummary {
     pub energy_error: f64,
 }
 
+/// What the firefly clamp did.
+#[derive(Clone, Debug, Serialize)]
+pub struct ClampSummary {
+    pub limit: f32,
+    /// Samples and splats that were dimmed.
+    pub samples: u64,
+    /// Mean radiance that the picture has lost, W·m⁻²·sr⁻¹: its bias, as far as the samples show it.
+    pub bias: [f64; 3],
+}
+
+impl ClampSummary {
+    /// Of a film with `spp` samples a pixel; `None` without a clamp.
+    pub(super) fn of(film: &Film, spp: u64) -> Option<Self> {
+        let clamp = film.clamp();
+        let (w, h) = film.crop_size();
+        let samples = (spp * w as u64 * h as u64).max(1) as f64;
+        clamp.limit.map(|limit| Self { limit, samples: clamp.count, bias: clamp.removed.map(|v| -v / samples) })
+    }
+}
+
 /// What is known about a render after it.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Summary {
@@ -38,6 +59,8 @@ pub struct Summary {
     /// Bytes of the largest set of photon maps held at once.
     pub photon_memory: usize,
     pub interrupted: bool,
+    /// Only with a firefly clamp.
+    pub clamp: Option<ClampSummary>,
     /// The render's own estimate of its relMSE, where the plan tracks the error.
     pub estimated_relmse: Option<f64>,
 }

@@ -61,7 +61,7 @@ impl Probe {
             bias: 0.005,
             spp: 16,
             photons: 5_000,
-            limit: 30.0,
+            limit: 60.0,
         }
     }
 
@@ -159,16 +159,17 @@ impl Probe {
         Row::judge(case, &self.parameter, method, accel, self.expected, &spread, judge)
     }
 
-    /// Progressive photon mapping shoots all photons anew for each sample of a pixel.
-    fn spp_of(&self, method: &str) -> u64 {
+    /// Samples of a pixel and photons of a map. Progressive photon mapping shoots its photons anew for each sample, and
+    /// counts the paths rather than what they store.
+    fn effort(&self, method: &str) -> (u64, u64) {
         let progressive = matches!(method, "ppm" | "sppm") && self.photons > 500;
-        if progressive { (self.spp / 16).clamp(2, 4) } else { self.spp }
+        if progressive { ((self.spp / 16).clamp(2, 4), self.photons / 4) } else { (self.spp, self.photons) }
     }
 
     fn renders(&self, scene: &Scene, method: &str, seeds: std::ops::RangeInclusive<u64>) -> Vec<Run> {
         let limit = Duration::from_secs_f64(self.limit);
-        let spp = self.spp_of(method);
-        let one = |seed| Run::of(&render_once(scene, method, spp, self.photons, seed, Some(limit)));
+        let (spp, photons) = self.effort(method);
+        let one = |seed| Run::of(&render_once(scene, method, spp, photons, seed, Some(limit)));
         seeds.into_par_iter().map(one).collect()
     }
 }

@@ -1,10 +1,18 @@
 //! Direct light between simple shapes: form factors.
 
-use super::super::case::{Case, Item};
+use super::super::case::{Case, Check, Item, Outcome};
 use super::super::methods::Light;
 use super::super::optics::*;
-use super::super::probe::Probe;
+use super::super::probe::{Probe, load};
 use super::super::xml::*;
+use crate::accel::AccelKind;
+use crate::gather::{LookupSettings, PhotonMaps};
+use crate::geometry::{Ray, TriangleMesh};
+use crate::math::{DVec3, Vec3};
+use crate::photon::{Kernel, PhotonMap};
+use crate::sample::Sequence;
+use crate::shoot::{ShootSettings, Target, WalkSettings, shoot};
+use crate::tally::Counters;
 
 pub fn cases() -> Vec<Case> {
     vec![
@@ -24,6 +32,11 @@ pub fn cases() -> Vec<Case> {
             items: squares,
         },
         Case { name: "discs", about: "form factors of coaxial discs and concentric spheres", items: discs },
+        Case {
+            name: "shading-normals",
+            about: "bent normals reflect the same from lights and from cameras",
+            items: bent,
+        },
         Case { name: "grazing-sun", about: "sun at 0.05° and less above a plain: E = E₀ sin h", items: grazing },
     ]
 }
@@ -176,5 +189,76 @@ fn grazing() -> Vec<Item> {
         ]);
         Probe::new(format!("h = {degrees}°"), xml, 1.0, Light::DIRECT).photons(200).relative(1e-4)
     };
-    vec![of(1.0).into(), of(0.05).fast().into(), of(0.001).into(), of(0.0001).into()]
+    let mut items: Vec<Item> = vec![of(1.0).into(), of(0.05).fast().into(), of(0.001).into(), of(0.0001).into()];
+    // Photons of the sun itself: directions of two bytes are 0.4° off, half of them below the floor.
+    let blend = r#"<bsdf type="blendbsdf"><float name="weight" value="0.5"/><bsdf type="diffuse"><rgb name="reflectance" value="0.4"/></bsdf><bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf></bsdf>"#;
+    for (name, bsdf) in [("plain", diffuse(0.5)), ("blended", blend.to_owned())] {
+        let check =
+            Check::new(format!("map of photons, h = 0.05°, {name} floor"), "photon map", move |accel, seeds| {
+                Outcome::estimates(1.0, (1..=seeds).map(|seed| radiance_from_map(accel, &bsdf, 0.05, seed)))
+            });
+        items.push(check.statistical(0.05).into());
+    }
+    items
+}
+
+/// The density estimate of direct photons on a floor of albedo ½ under a sun for which L = 1.
+fn radiance_from_map(accel: AccelKind, bsdf: &str, degrees: f64, seed: u64) -> f64 {
+    let h = degrees.to_radians();
+    let xml = scene(&[
+        depth(-1),
+        square([0.0; 3], 1.0, [0.0, 0.0, 1.0], bsdf),
+        sun([h.cos(), 0.0, -h.sin()], 2.0 * std::f64::consts::PI / h.sin()),
+    ]);
+    let scene = load(&xml, &[], accel).unwrap_or_else(|e| panic!("the program's own scene: {e}"));
+    let walk = WalkSettings { max_depth: Some(1), rr_depth: 1, sequence: Sequence::Independent };
+    let settings = ShootSettings { seed, pass: 0, target: Target::Global, walk, photons: 500, max_paths: 1 << 24 };
+    let shot = shoot(&scene, &settings);
+    let lookup = LookupSettings {
+        global_size: 60,
+        caustic_size: 60,
+        global_radius: 0.5,
+        caustic_radius: 0.5,
+        kernel: Kernel::Epanechnikov,
+    };
+    let mut maps = PhotonMaps::default();
+    maps.set_global(PhotonMap::build(shot.photons), &lookup, scene.bounding_sphere().1);
+    let ray = Ray::new(scene.to_scene.point(DVec3::new(0.0, 0.0, 0.5)), Vec3::NEG_Z);
+    let si = scene.intersect(&ray).expect("the floor is below");
+    maps.global_radiance(&si, &scene.bsdf(&si), &mut Counters::default()).radiance.g as f64
+}
+
+/// A floor whose shading normals lean by δ towards a wall, under a sun straight above. The floor sends
+/// `L = ρ/π · E₀ cos δ` whichever way it is looked at, so that the wall has the radiance `ρ_wall L F⊥`. Paths from the sun
+/// must carry |ωi·ns| |ωo·ng| / (|ωi·ng| |ωo·ns|) [Veach 1997, eq. 5.19] to find the same.
+fn bent() -> Vec<Item> {
+    let floor = |degrees: f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let corners = [(0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5)];
+        let positions: Vec<Vec3> = corners.iter().map(|&(x, y)| Vec3::new(x, y, 0.0)).collect();
+        let normals = vec![DVec3::new(-sin, 0.0, cos).as_vec3(); 4];
+        let indices = vec![[0, 1, 2], [0, 2, 3]];
+        TriangleMesh { positions: positions.into(), normals: Some(normals), indices, ..Default::default() }
+    };
+    [0.0, 30.0, 60.0]
+        .into_iter()
+        .map(|degrees: f64| {
+            let xml = scene(&[
+                depth(3),
+                parallel_camera([0.5, 0.0, 0.5], [0.0, 0.0, 0.5], 0.5, 8),
+                mesh("floor.ply", &diffuse(0.8)),
+                square([0.0, 0.0, 0.5], 0.5, [1.0, 0.0, 0.0], &diffuse(1.0)),
+                sun([0.0, 0.0, -1.0], std::f64::consts::PI),
+            ]);
+            let truth = 0.8 * degrees.to_radians().cos() * perpendicular_factor();
+            let probe = Probe::new(format!("δ = {degrees}°"), xml, truth, Light::INDIRECT)
+                .mesh("floor.ply", floor(degrees))
+                .photons(20_000)
+                .spp(32)
+                // The estimate is too small where the floor meets the wall.
+                .bias(0.04)
+                .relative(0.02);
+            if degrees == 60.0 { probe.fast() } else { probe }.into()
+        })
+        .collect()
 }

@@ -185,18 +185,16 @@ fn edges() -> Vec<Item> {
         })
         .limit(120.0)
     };
-    let meshes: [(&'static str, fn() -> TriangleMesh); 3] = [
-        ("ball", || ball(40, 100)),
-        ("ball of slivers", || ball(4, 10_000)),
-        ("bumpy sphere", || generate::displaced_sphere(100_000, 5)),
-    ];
     let mut items: Vec<Item> = Vec::new();
-    for (name, m) in meshes {
+    let mut add = |name: &'static str, m: fn() -> TriangleMesh| {
         for vertices in [false, true] {
             items.push(of(name, m, vertices, 100_000).into());
             items.push(of(name, m, vertices, 10_000_000).slow().into());
         }
-    }
+    };
+    add("ball", || ball(40, 100));
+    add("ball of slivers", || ball(4, 10_000));
+    add("bumpy sphere", || generate::displaced_sphere(100_000, 5));
     items
 }
 

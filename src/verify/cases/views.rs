@@ -1,10 +1,14 @@
 //! Unusual cameras, films and lights: nothing to see, nothing to see it with, everything on top of something else.
 
-use super::super::case::{Case, Item};
+use super::super::case::{Case, Check, Item, Outcome};
 use super::super::methods::Light;
 use super::super::optics::integrate;
 use super::super::probe::Probe;
 use super::super::xml::*;
+use crate::camera::FilmWindow;
+use crate::color::Rgb;
+use crate::film::{Film, ReconstructionFilter};
+use crate::math::Vec2;
 use std::f64::consts::PI;
 
 pub fn cases() -> Vec<Case> {
@@ -100,7 +104,18 @@ fn films() -> Vec<Item> {
         ]);
         Probe::new(format!("{}×{}", size.0, size.1), xml, 1.0, Light::SEEN | Light::DIRECT | Light::INDIRECT).spp(spp)
     };
+    // A float stops absorbing unit samples at 2²⁴.
+    let sums = |n: u64| {
+        Check::plain(format!("mean of {n} samples of 1"), "film", move |_| {
+            let mut film = Film::new(FilmWindow::full(1, 1), ReconstructionFilter::Box);
+            for _ in 0..n {
+                film.add_sample(Vec2::splat(0.5), Rgb::WHITE);
+            }
+            Outcome::exact(1.0, film.develop(1.0 / n as f64).pixel(0, 0).g as f64)
+        })
+    };
     vec![
+        sums((1 << 25) + 2).into(),
         of((1, 1), 1024).fast().into(),
         of((16384, 1), 1).fast().into(),
         of((1, 16384), 1).into(),
@@ -145,6 +160,23 @@ fn surfaces() -> Vec<Item> {
             .photons(500)
             .relative(1e-3)
             .into(),
+        // Seen from far away: a hit point found along the ray would be a thousandth off.
+        Probe::new(
+            "floor seen from 1e5 m",
+            scene(&[
+                depth(-1),
+                parallel_camera([3e4, 0.0, 9e4], [0.0; 3], 0.1, 8),
+                square([0.0; 3], 1.0, [0.0, 0.0, 1.0], &diffuse(0.5)),
+                sun([0.0, 0.0, -1.0], 2.0 * PI),
+            ]),
+            1.0,
+            Light::DIRECT,
+        )
+        .photons(200)
+        .relative(1e-3)
+        .except(&["ptracer"]) // the view is too small to be hit
+        .fast()
+        .into(),
         // Seen from outside, a lamp in a closed diffuse ball is dark.
         Probe::new(
             "light in a closed ball",
