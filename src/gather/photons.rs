@@ -198,16 +198,17 @@ impl Lookup {
 /// photons count flux.
 ///
 /// The quotient of the two cosines is 1 on average, but a photon may have landed on another facet of a curved surface, where
-/// its own cosine was not small and this one is: the mean of `|wi·ns|/|wi·ng|` is then infinite. Adding [`SOFT_COS`] to both
-/// bounds it, and changes nothing where the normals agree.
+/// its own cosine was not small and this one is: the mean of `|wi·ns|/|wi·ng|` is then infinite. Below [`SMALL_COS`] both
+/// are lifted by the same amount, which bounds the quotient and changes nothing where the normals agree.
 #[inline]
 pub(super) fn flux_cosine(si: &SurfaceInteraction, wi: Vec3) -> f32 {
     let (g, s) = (wi.dot(si.ng).abs(), wi.dot(si.ns).abs().max(MIN_COS));
-    s * ((g + SOFT_COS) / (s + SOFT_COS))
+    let lifted = g.max(SMALL_COS);
+    s * (lifted / (s + (lifted - g)))
 }
 
 /// See [`flux_cosine`].
-const SOFT_COS: f32 = 0.1;
+const SMALL_COS: f32 = 0.1;
 
 /// A stored direction put back on the side of the surface that the photon is known to have come from.
 #[inline]

