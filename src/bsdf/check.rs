@@ -108,6 +108,9 @@ pub fn may_have(materials: &[Material], id: MaterialId, mask: LobeMask) -> bool 
         }
         Material::Plastic(_) => LobeMask::DIFFUSE | LobeMask::DELTA,
         Material::RoughPlastic(p) => LobeMask::DIFFUSE | LobeMask::of_roughness(p.facets.ax),
+        Material::Phong { exponent: FloatParam::Const(n), .. } => {
+            LobeMask::DIFFUSE | LobeMask::of_roughness(super::phong::roughness(*n))
+        }
         Material::Phong { .. } => LobeMask::DIFFUSE | LobeMask::GLOSSY | LobeMask::SHARP,
         Material::Principled(_) | Material::PrincipledThin(_) => LobeMask::SMOOTH,
         Material::Mask { .. } | Material::Null => LobeMask::NULL,

@@ -252,7 +252,7 @@ impl Point<'_> {
                 let lobe = Phong { exponent, tint: self.color(*specular) };
                 let reflectance = self.color(*diffuse);
                 // The roughness whose facets are about as wide [Walter et al. 2007, §5.2].
-                let class = LobeMask::of_roughness((2.0 / (exponent + 2.0)).sqrt().max(DELTA_ALPHA));
+                let class = LobeMask::of_roughness(super::phong::roughness(exponent));
                 self.push(place, class, Kind::Phong(lobe));
                 self.push(place, LobeMask::DIFFUSE, Kind::Lambert(Lambert { reflectance }));
             }

@@ -12,6 +12,11 @@ pub(super) struct Phong {
     pub tint: Rgb,
 }
 
+/// Roughness of a microfacet lobe about as wide as one of this exponent; never that of a mirror.
+pub(super) fn roughness(exponent: f32) -> f32 {
+    (2.0 / (exponent.max(0.0) + 2.0)).sqrt().max(super::DELTA_ALPHA)
+}
+
 impl Phong {
     /// `cosⁿα` between `wi` and the mirror direction of `wo`.
     #[inline]

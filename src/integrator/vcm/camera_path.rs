@@ -107,6 +107,8 @@ impl CameraWalk {
 pub(super) struct LightField<'a> {
     /// Vertices of the light path that belongs to this camera path.
     pub vertices: &'a [LightVertex],
+    /// Their bsdfs.
+    pub bsdfs: &'a [Bsdf],
     pub grid: Option<&'a Grid>,
     pub eta: f64,
 }
@@ -154,7 +156,8 @@ pub(super) fn radiance(
             let v = CameraVertex { si: &si, bsdf: &bsdf, mis: &walk.mis, depth: walk.depth, merge };
             if recipe.settings.connect {
                 sum += walk.beta * next_event(recipe, &v, sampler, counters);
-                for light in field.vertices.iter().take_while(|l| l.depth + v.depth < recipe.max_depth) {
+                let pairs = field.vertices.iter().zip(field.bsdfs);
+                for light in pairs.take_while(|(l, _)| l.depth + v.depth < recipe.max_depth) {
                     sum += walk.beta * connect(recipe, &v, light, field.eta, counters);
                 }
             }
@@ -261,8 +264,13 @@ pub(super) fn next_event_sums(recipe: &Recipe, v: &CameraVertex, index: usize, l
 }
 
 /// Connects a camera vertex with a light vertex.
-fn connect(recipe: &Recipe, v: &CameraVertex, light: &LightVertex, eta: f64, counters: &mut Counters) -> Rgb {
-    let scene = recipe.scene;
+fn connect(
+    recipe: &Recipe,
+    v: &CameraVertex,
+    (light, light_bsdf): (&LightVertex, &Bsdf),
+    eta: f64,
+    counters: &mut Counters,
+) -> Rgb {
     let d = light.si.p - v.si.p;
     let dist_sq = d.length_squared();
     let w = d / dist_sq.sqrt();
@@ -270,16 +278,15 @@ fn connect(recipe: &Recipe, v: &CameraVertex, light: &LightVertex, eta: f64, cou
     if f.is_black() {
         return Rgb::BLACK;
     }
-    let light_bsdf = scene.bsdf(&light.si);
     let g = light_bsdf.eval(light.si.wo, -w, Mode::Importance, LobeMask::ALL);
     if g.is_black() {
         return Rgb::BLACK;
     }
-    let sums = connection_sums(recipe, v, light, &light_bsdf, (w, dist_sq as f64), eta);
+    let sums = connection_sums(recipe, v, light, light_bsdf, (w, dist_sq as f64), eta);
     let value = f * g * light.beta * (weight(sums) as f32 / dist_sq);
     counters.shadow_rays += 1;
-    let visible = scene.visible((v.si.p, v.si.p_err, v.si.ng), (light.si.p, light.si.p_err, light.si.ng));
-    if visible { value } else { Rgb::BLACK }
+    let ends = ((v.si.p, v.si.p_err, v.si.ng), (light.si.p, light.si.p_err, light.si.ng));
+    if recipe.scene.visible(ends.0, ends.1) { value } else { Rgb::BLACK }
 }
 
 /// What the other techniques of a connected path amount to; `w` points from the camera's vertex to the light's.

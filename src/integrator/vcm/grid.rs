@@ -3,7 +3,7 @@
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
-use crate::math::Vec3;
+use crate::math::{INV_PI, Vec3};
 
 use super::weights::{Mis, merged_side, weight};
 
@@ -123,6 +123,9 @@ impl Grid {
     /// Weighted flux density of all merges at a camera vertex, to be divided by the number of light paths:
     /// `Σ w f Φ K` with the Epanechnikov kernel `K = 2 (1 − d²/r²) / (π r²)`, W·m⁻²·sr⁻¹.
     pub fn merge(&self, q: &Query) -> Rgb {
+        if let Some(albedo) = q.bsdf.lambertian(LobeMask::ALL) {
+            return self.merge_lambertian(q, albedo);
+        }
         let mut sum = Rgb::BLACK;
         self.within(q.si.p, q.max_depth, |photon, d_sq| {
             if photon.ng.dot(q.si.ng) < MIN_NORMAL_COS {
@@ -141,5 +144,20 @@ impl Grid {
             sum += f * photon.beta * (kernel / cos * weight(others) as f32);
         });
         sum * (2.0 / (std::f32::consts::PI * self.radius_sq))
+    }
+
+    /// [`Grid::merge`] on a flat Lambertian surface, whose density back to the camera is the same for all photons.
+    fn merge_lambertian(&self, q: &Query, albedo: Rgb) -> Rgb {
+        let n = if q.si.wo.dot(q.si.ng) < 0.0 { -q.si.ng } else { q.si.ng };
+        let camera = merged_side(q.mis, (q.si.wo.dot(n) * INV_PI) as f64, q.connect, q.eta);
+        let mut sum = Rgb::BLACK;
+        self.within(q.si.p, q.max_depth, |photon, d_sq| {
+            let cos = photon.wi.dot(n);
+            if cos > 0.0 && photon.ng.dot(q.si.ng) >= MIN_NORMAL_COS {
+                let others = merged_side(&photon.mis, (cos * INV_PI) as f64, q.connect, q.eta) + camera;
+                sum += photon.beta * ((1.0 - d_sq / self.radius_sq) * weight(others) as f32);
+            }
+        });
+        sum * albedo * (INV_PI * 2.0 * INV_PI / self.radius_sq)
     }
 }

@@ -9,7 +9,7 @@ use crate::color::Rgb;
 use crate::film::SplatBuffer;
 use crate::geometry::{Ray, SurfaceInteraction};
 use crate::light::LightLe;
-use crate::math::Vec3;
+use crate::math::{Vec2, Vec3};
 use crate::sample::Sampler;
 use crate::shoot::survival;
 use crate::tally::Counters;
@@ -188,14 +188,7 @@ pub(super) fn trace(recipe: &Recipe, eta: f64, mut sampler: Sampler, collect: Co
 }
 
 /// Splats what the lens receives from a light vertex, W·m⁻²·sr⁻¹ of a pixel.
-fn connect_to_lens(
-    recipe: &Recipe,
-    eta: f64,
-    v: &LightVertex,
-    bsdf: &Bsdf,
-    u: crate::math::Vec2,
-    sink: &mut LightSink,
-) {
+fn connect_to_lens(recipe: &Recipe, eta: f64, v: &LightVertex, bsdf: &Bsdf, u: Vec2, sink: &mut LightSink) {
     let (scene, si) = (recipe.scene, &v.si);
     // Light scattered off a hidden emitter does not show.
     if recipe.settings.hide_emitters && scene.is_emitter(si) {
@@ -206,13 +199,13 @@ fn connect_to_lens(
     if f.is_black() {
         return;
     }
+    let w =
+        if recipe.settings.camera_paths { weight(lens_sums(recipe, eta, v, bsdf, we.wi, we.importance)) } else { 1.0 };
+    let value = v.beta * f * (we.importance * w as f32 / recipe.light_paths as f32);
     sink.counters.shadow_rays += 1;
     if !lens_sees(recipe, si, we.start) {
         return;
     }
-    let w =
-        if recipe.settings.camera_paths { weight(lens_sums(recipe, eta, v, bsdf, we.wi, we.importance)) } else { 1.0 };
-    let value = v.beta * f * (we.importance * w as f32 / recipe.light_paths as f32);
     if value.is_finite() {
         sink.splats.push(we.raster, value);
     } else {

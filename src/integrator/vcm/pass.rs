@@ -127,7 +127,7 @@ impl Iteration<'_, '_> {
         let window = scene.camera.window();
         let key = Key::new(self.seed, Purpose::Camera, 0);
         let mut counters = Counters::default();
-        let mut sink = LightSink::default();
+        let (mut sink, mut bsdfs) = (LightSink::default(), Vec::new());
         let own_light = batches.is_empty() && recipe.traces_light();
         let collect = Collect { vertices: recipe.connects(), splats: true };
         for (x, y) in tile.pixels() {
@@ -139,12 +139,14 @@ impl Iteration<'_, '_> {
                 trace(recipe, eta, self.light_sampler(path), collect, &mut sink);
             }
             let vertices = if own_light { &sink.vertices[..] } else { vertices_of(batches, path) };
+            bsdfs.clear();
+            bsdfs.extend(vertices.iter().map(|v| scene.bsdf(&v.si)));
             // Place the sample on the film and the lens.
             let mut sampler =
                 Sampler::new(scene.sampler.sequence, key.with(((y as u64) << 32) | x as u64), self.sample);
             let film_pos = Vec2::new(x as f32, y as f32) + sampler.next_2d();
             let camera_ray = scene.camera.generate_ray(film_pos, sampler.next_2d());
-            let field = LightField { vertices, grid, eta };
+            let field = LightField { vertices, bsdfs: &bsdfs, grid, eta };
             let value = radiance(recipe, &camera_ray, &field, &mut sampler, &mut counters);
             counters.samples += 1;
             // Drop what is not a number, and say so.
