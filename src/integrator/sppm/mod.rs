@@ -69,7 +69,7 @@ impl SppmSettings {
             target,
             walk,
             photons: self.photon_count,
-            max_paths: self.photon_count.saturating_mul(2),
+            max_paths: self.photon_count.saturating_mul(4),
         }
     }
 
