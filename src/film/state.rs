@@ -17,7 +17,7 @@ impl Film {
     /// A copy of the sums.
     pub fn state(&self) -> FilmState {
         FilmState {
-            samples: self.sums.iter().map(Sum::to_array).collect(),
+            samples: self.sums.iter().copied().map(Sum::to_array).collect(),
             splats: self.splats.clone(),
             non_finite: self.non_finite,
         }

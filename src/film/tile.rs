@@ -29,7 +29,7 @@ impl Sum {
         self.weight += weight;
     }
 
-    pub fn to_array(&self) -> [f64; 4] {
+    pub fn to_array(self) -> [f64; 4] {
         let [r, g, b] = self.rgb;
         [r, g, b, self.weight]
     }

@@ -306,7 +306,7 @@ fn crossing(snapshots: &[Snapshot], relmse: f64) -> Option<(f64, f64, bool)> {
 /// The exponent of `x` in the error over the last decade of passes, as far as the reference can tell it.
 fn fit_last_decade(snapshots: &[Snapshot], x: &dyn Fn(&Snapshot) -> f64) -> Option<f64> {
     let usable = |s: &&Snapshot| !s.hidden && s.error.relmse.value > 0.0;
-    let end = snapshots.iter().filter(usable).last()?.passes as f64;
+    let end = snapshots.iter().rfind(usable)?.passes as f64;
     let points: Vec<(f64, f64)> = snapshots
         .iter()
         .filter(usable)

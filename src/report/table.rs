@@ -37,8 +37,11 @@ const COLUMNS: [Column; 13] = [
     }),
 ];
 
+/// Takes a metric from a snapshot; `None` where it is not defined.
+type Reading = fn(&Snapshot) -> Option<Metric>;
+
 /// The metrics, each of which has three columns.
-const METRICS: [(&str, &str, fn(&Snapshot) -> Option<Metric>); 5] = [
+const METRICS: [(&str, &str, Reading); 5] = [
     ("rmse", "√ mean (x−r)²", |x| Some(x.error.rmse)),
     ("relmse", "mean (x−r)² / (r² + 0.01²)", |x| Some(x.error.relmse)),
     ("mrse", "mean (x−r)² / (r + 0.01·mean r)²; empty against a black reference", |x| x.error.mrse),

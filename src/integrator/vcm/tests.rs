@@ -432,8 +432,7 @@ impl Trial<'_> {
     fn check_sums(&self, path: &FullPath, light: &Walked, s: usize) {
         let d = path.densities(self.recipe.scene);
         let (replayed, _) = path.replay(self.recipe, &d, self.eta);
-        for i in 1..s {
-            let (a, b) = (replayed[i], light.mis[i]);
+        for (i, (a, b)) in replayed.iter().zip(&light.mis).enumerate().take(s).skip(1) {
             // Walks carry points and directions in f32.
             let alike = |a: f64, b: f64| (a - b).abs() <= 1e-4 * a.abs().max(b.abs());
             assert!(alike(a.dvcm, b.dvcm) && alike(a.dvc, b.dvc), "vertex {i} of {}: {a:?}, {b:?}", path.describe());
@@ -595,7 +594,6 @@ fn check_all(scene: &Scene) {
         for index in 0..TRIALS {
             trial.run(index);
         }
-        println!("{name}: {:?} paths, worst {:e}", trial.counts, trial.worst);
         assert!(trial.counts[0] > TRIALS / 10 && trial.counts[1] > TRIALS / 10, "{name}: {:?}", trial.counts);
     }
 }
