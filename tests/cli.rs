@@ -92,6 +92,17 @@ fn compare_and_info() {
     let info: serde_json::Value = serde_json::from_slice(&o.stdout).expect("one JSON object");
     assert_eq!(info["shapes"], 1);
     assert_eq!(info["lights"], 1);
+    // Ten decisions, each with its reason.
+    let needs = info["needs"].as_array().expect("a list");
+    assert_eq!(needs.len(), 10);
+    assert!(needs.iter().all(|n| n["reason"].as_str().is_some_and(|r| r.len() > 10)), "{info}");
+    assert!(info["forecast"]["seconds"].as_f64() > Some(0.0), "{info}");
+    let o = caustica(&["info", &f.text("scene.xml"), "--need", "caustics=on", "--need", "light=off"]);
+    let text = String::from_utf8_lossy(&o.stdout).into_owned();
+    assert!(text.contains("caustics    yes  as asked for; otherwise: there is no indirect light"), "{text}");
+    let o = caustica(&["info", &f.text("scene.xml"), "--need", "caustic=on"]);
+    assert_eq!(o.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&o.stderr).contains("known are light, direct"));
 }
 
 #[test]

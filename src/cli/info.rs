@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::args::InfoArgs;
 use super::{CliError, bytes, human, print};
-use crate::render::{Plan, PlanOverrides};
+use crate::render::{Forecast, Plan, PlanOverrides};
 use crate::scene::Needs;
 
 #[derive(Serialize)]
@@ -25,6 +25,14 @@ struct Info {
     textures: usize,
     geometry_memory: usize,
     accel_memory: usize,
+    texture_memory: usize,
+    /// What is declared and not used, and was not read.
+    unused: u64,
+    unplaced_groups: u64,
+    /// Bytes of texture coordinates and vertex normals that nothing depends on.
+    left_out_memory: u64,
+    /// What rendering it as planned will take.
+    forecast: Option<Forecast>,
     /// What rendering it needs, and why.
     needs: Needs,
     warnings: Vec<String>,
@@ -35,7 +43,9 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
     let scene = super::load_scene(&a.scene)?;
     let overrides = PlanOverrides { needs: a.scene.needs.clone(), ..PlanOverrides::default() };
     // An integrator that is not known here does not keep the scene from being told about.
-    let needs = Plan::new(&scene, &overrides).map_or_else(|_| Needs::of(&scene, None, &overrides.needs), |p| p.needs);
+    let plan = Plan::new(&scene, &overrides).ok();
+    let forecast = plan.as_ref().and_then(|p| Forecast::of(&scene, p));
+    let needs = plan.map_or_else(|| Needs::of(&scene, None, &overrides.needs), |p| p.needs);
     let info = Info {
         scene: a.scene.scene.display().to_string(),
         scene_hash: scene.hash.clone(),
@@ -53,6 +63,11 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
         textures: scene.textures.len(),
         geometry_memory: scene.geometry.memory(),
         accel_memory: scene.accel.memory(),
+        texture_memory: scene.textures.memory(),
+        unused: scene.stats.unused,
+        unplaced_groups: scene.stats.unplaced_groups,
+        left_out_memory: scene.stats.left_out_bytes,
+        forecast,
         needs,
         warnings: scene.warnings.iter().map(ToString::to_string).collect(),
     };
@@ -73,7 +88,24 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
         info.dropped_triangles
     ));
     print(&format!("content     {} lights, {} materials, {} textures", info.lights, info.materials, info.textures));
-    print(&format!("memory      {} geometry, {} ray queries", bytes(info.geometry_memory), bytes(info.accel_memory)));
+    print(&format!(
+        "memory      {} geometry, {} ray queries, {} textures",
+        bytes(info.geometry_memory),
+        bytes(info.accel_memory),
+        bytes(info.texture_memory)
+    ));
+    if info.unused + info.unplaced_groups + info.left_out_memory > 0 {
+        print(&format!(
+            "left out    {} materials and textures, {} groups, {} of mesh data without a use",
+            info.unused,
+            info.unplaced_groups,
+            bytes(info.left_out_memory as usize)
+        ));
+    }
+    if let Some(f) = &info.forecast {
+        let time = f.seconds.map_or_else(|| "as long as asked for".to_owned(), |s| format!("about {s:.1} s"));
+        print(&format!("render      {time}, {} photons", bytes(f.photon_memory)));
+    }
     for n in info.needs.iter() {
         let decision = if n.wanted { "yes" } else { "no" };
         print(&format!("{:<11} {decision:<3}  {}", n.item, n.reason));

@@ -2,6 +2,7 @@
 
 mod checkpoint;
 mod doubt;
+mod forecast;
 mod leave_out;
 mod pass;
 mod plan;
@@ -12,6 +13,7 @@ mod summary;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use doubt::Doubt;
+pub use forecast::Forecast;
 pub use pass::render_pass;
 pub use plan::{METHODS, Method, Plan, PlanError, PlanOverrides};
 pub use session::Session;
