@@ -28,31 +28,45 @@ const BOX: &str = r#"<scene version="3.0.0">
   </shape>
 </scene>"#;
 
+/// The bits of `text` rendered by `integrator` on pools of 1, 2, 3 and 8 threads are the same.
+fn same_bits(text: &str, accel: caustica::accel::AccelKind, integrator: &str) {
+    let pictures: Vec<_> = [1, 2, 3, 8]
+        .into_iter()
+        .map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            pool.install(|| {
+                let overrides = PlanOverrides {
+                    integrator: Some(integrator.into()),
+                    spp: Some(4),
+                    passes: Some(2),
+                    photons: Some(20_000),
+                    ..PlanOverrides::default()
+                };
+                let image = run(&scene(text, accel), overrides).image;
+                let bits = image.pixels().iter().flat_map(|p| p.to_array().map(f32::to_bits));
+                bits.collect::<Vec<u32>>()
+            })
+        })
+        .collect();
+    for other in &pictures[1..] {
+        assert!(pictures[0] == *other, "{integrator} on {accel:?}");
+    }
+}
+
 #[test]
 fn same_bits_for_any_number_of_threads() {
     for accel in backends() {
         for integrator in caustica::render::METHODS {
-            let pictures: Vec<_> = [1, 2, 3, 8]
-                .into_iter()
-                .map(|threads| {
-                    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-                    pool.install(|| {
-                        let overrides = PlanOverrides {
-                            integrator: Some(integrator.into()),
-                            spp: Some(4),
-                            passes: Some(2),
-                            photons: Some(20_000),
-                            ..PlanOverrides::default()
-                        };
-                        let image = run(&scene(BOX, accel), overrides).image;
-                        let bits = image.pixels().iter().flat_map(|p| p.to_array().map(f32::to_bits));
-                        bits.collect::<Vec<u32>>()
-                    })
-                })
-                .collect();
-            for other in &pictures[1..] {
-                assert!(pictures[0] == *other, "{integrator} on {accel:?}");
-            }
+            same_bits(BOX, accel, integrator);
         }
+    }
+}
+
+#[test]
+fn same_bits_from_the_irradiance_cache() {
+    let cached = "<integrator type=\"photonmapper\"><boolean name=\"irradiance_cache\" value=\"true\"/></integrator>";
+    let text = BOX.replace("type=\"plastic\"", "type=\"diffuse\"").replace("<sensor", &format!("{cached}<sensor"));
+    for accel in backends() {
+        same_bits(&text, accel, "photonmapper");
     }
 }

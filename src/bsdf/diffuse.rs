@@ -94,6 +94,12 @@ impl DiffuseBsdf {
         (self.ns == self.ng).then_some(self.reflectance)
     }
 
+    /// The albedo and the normal of the side that reflects, where `wo` is above both normals.
+    #[inline(always)]
+    pub(super) fn seen_from(&self, wo: Vec3) -> Option<(Rgb, Vec3)> {
+        (self.ns.dot(wo) > 0.0 && self.ng.dot(wo) > 0.0).then_some((self.reflectance, self.ns))
+    }
+
     #[inline(always)]
     pub(super) fn albedo(&self, wo: Vec3) -> Rgb {
         if self.ns.dot(wo) > 0.0 && self.ng.dot(wo) > 0.0 { self.reflectance } else { Rgb::BLACK }

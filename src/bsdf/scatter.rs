@@ -183,6 +183,16 @@ impl Bsdf {
         }
     }
 
+    /// The albedo and the shading normal on the side of `wo`, if the surface is Lambertian and nothing else: radiance is
+    /// then albedo/π times the irradiance about that normal.
+    #[inline]
+    pub fn diffuse_only(&self, wo: Vec3) -> Option<(Rgb, Vec3)> {
+        match self {
+            Self::Diffuse(d) => d.seen_from(wo),
+            _ => None,
+        }
+    }
+
     /// True when a lobe of `mask` can send light to the other side of the surface.
     #[inline]
     pub fn transmits(&self, mask: LobeMask) -> bool {

@@ -1,5 +1,6 @@
 //! Estimates of radiance at a point: direct light, density of photons, final gather.
 
+pub mod cache;
 mod direct;
 mod fixed;
 mod irradiance;

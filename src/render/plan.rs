@@ -2,6 +2,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::gather::LookupSettings;
+use crate::gather::cache::CacheSettings;
 use crate::integrator::vcm::Merging;
 use crate::integrator::{Direct, MaxDepth, Path, PhotonMapperSettings, SppmSettings, VcmSettings};
 use crate::photon::MapFile;
@@ -275,6 +276,8 @@ fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u6
         final_gather: s.boolean("final_gather").filter(|_| own).unwrap_or(true),
         // About 64 gather rays a pixel at least, whatever the number of camera samples.
         final_gather_samples: integer("final_gather_samples", (64 / spp).max(1)) as u32,
+        irradiance_photons: s.boolean("irradiance_photons").filter(|_| own).unwrap_or(true),
+        irradiance_cache: s.boolean("irradiance_cache").filter(|&on| own && on).map(|_| cache(s)),
         lookup: LookupSettings {
             global_size: lookup_size,
             caustic_size: integer("caustic_lookup_size", lookup_size as u64) as u32,
@@ -282,5 +285,16 @@ fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u6
             caustic_radius: float("caustic_lookup_radius", 0.0125),
             kernel: crate::photon::Kernel::Epanechnikov,
         },
+    }
+}
+
+fn cache(s: &IntegratorSettings) -> CacheSettings {
+    let d = CacheSettings::default();
+    CacheSettings {
+        resolution: s.integer("resolution").map_or(d.resolution, |v| v.clamp(2, 1024) as u32),
+        quality: s.float("quality").unwrap_or(d.quality),
+        gradients: s.boolean("gradients").unwrap_or(d.gradients),
+        clamp_neighbor: s.boolean("clamp_neighbor").unwrap_or(d.clamp_neighbor),
+        clamp_screen: s.boolean("clamp_screen").unwrap_or(d.clamp_screen),
     }
 }

@@ -2,11 +2,13 @@ use super::{ClampSummary, Control, Method, Plan, Summary, doubt::Doubt, progress
 use crate::color::Rgb;
 use crate::film::Film;
 use crate::gather::PhotonMaps;
+use crate::gather::cache::IrradianceCache;
 use crate::image::Image;
 use crate::integrator::sppm::SharedStatistics;
 use crate::integrator::{PhotonMapper, PhotonMapperSettings, vcm};
 use crate::scene::Scene;
 use crate::shoot::Target;
+use crate::tally::Counters;
 
 /// A render between two passes: the plan, and the sums of what the finished passes found.
 ///
@@ -85,17 +87,19 @@ impl<'s> Session<'s> {
             }
             Method::PhotonMapper(settings) => {
                 let mut maps = self.build_maps(&settings, control);
+                let cache = self.fill_cache(&settings, &maps, control);
                 control.progress.phase("render");
-                let recipe = PhotonMapper { settings, maps: &maps };
+                let recipe = PhotonMapper { settings, maps: &maps, cache: cache.as_ref() };
                 let range = samples.clone();
                 let mut counters =
                     self.summary.time("render", || render_pass(scene, &recipe, &mut film, seed, range, &report));
                 // See the same samples with narrower estimates from the same photons.
                 if self.plan.track_bias {
                     let other = poorer.insert(Film::new(film.window(), film.filter()).with_clamp(self.plan.clamp));
+                    maps.narrow();
+                    let cache = self.fill_cache(&settings, &maps, control);
                     counters += self.summary.time("estimate bias", || {
-                        maps.narrow();
-                        let recipe = PhotonMapper { settings, maps: &maps };
+                        let recipe = PhotonMapper { settings, maps: &maps, cache: cache.as_ref() };
                         render_pass(scene, &recipe, other, seed, samples, &|_| {})
                     });
                 }
@@ -157,10 +161,32 @@ impl<'s> Session<'s> {
                 Target::Global | Target::Indirect => maps.set_global(map, &settings.lookup, radius),
             }
         }
-        if settings.final_gather {
+        if settings.final_gather && settings.irradiance_photons {
             summary.time("irradiance", || maps.precompute_irradiance());
         }
         summary.photon_memory = summary.photon_memory.max(maps.memory());
         maps
+    }
+
+    /// Computes the irradiance cache of the next pass, if there is to be one.
+    fn fill_cache(
+        &mut self,
+        settings: &PhotonMapperSettings,
+        maps: &PhotonMaps,
+        control: &Control,
+    ) -> Option<IrradianceCache> {
+        if !(settings.irradiance_cache.is_some() && settings.final_gather && maps.has_global()) {
+            return None;
+        }
+        control.progress.phase("fill cache");
+        let (scene, seed, pass, summary) = (self.scene, self.plan.seed, self.next, &mut self.summary);
+        let mut counters = Counters::default();
+        let cache = summary.time("fill cache", || {
+            PhotonMapper { settings: *settings, maps, cache: None }.fill_cache(scene, seed, pass, &mut counters)
+        })?;
+        summary.counters += counters;
+        summary.cache_records += cache.len() as u64;
+        summary.photon_memory = summary.photon_memory.max(maps.memory() + cache.memory());
+        Some(cache)
     }
 }

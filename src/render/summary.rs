@@ -58,6 +58,8 @@ pub struct Summary {
     pub counters: Counters,
     /// Bytes of the largest set of photon maps held at once.
     pub photon_memory: usize,
+    /// Records of the irradiance caches.
+    pub cache_records: u64,
     pub interrupted: bool,
     /// Only with a firefly clamp.
     pub clamp: Option<ClampSummary>,

@@ -13,6 +13,10 @@ pub struct Counters {
     pub photon_rays: u64,
     /// Density estimates made from a photon map.
     pub photon_queries: u64,
+    /// Points where the irradiance cache had an answer.
+    pub cache_hits: u64,
+    /// Points where it had none and gather rays were traced.
+    pub cache_misses: u64,
     /// Camera samples taken.
     pub samples: u64,
     /// Camera samples dropped because a channel was NaN.
@@ -39,6 +43,8 @@ impl AddAssign for Counters {
         self.shadow_rays += o.shadow_rays;
         self.photon_rays += o.photon_rays;
         self.photon_queries += o.photon_queries;
+        self.cache_hits += o.cache_hits;
+        self.cache_misses += o.cache_misses;
         self.samples += o.samples;
         self.nan_samples += o.nan_samples;
         self.infinite_samples += o.infinite_samples;

@@ -10,11 +10,16 @@
 //! | `L S⁺ D S* E` | caustic map at D |
 //! | `L (S\|D)* D S* D S* E` | gather ray from the last D through S* to a D, where the global map is read |
 
+mod cache;
+mod gather;
+
 use super::{CameraSample, Integrator, MaxDepth, roulette, specular_bounce};
-use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
-use crate::gather::{LookupSettings, PhotonMaps, power_heuristic, sample_direct};
-use crate::geometry::{Ray, SurfaceInteraction};
+use crate::gather::cache::{CacheSettings, IrradianceCache};
+use crate::gather::{LookupSettings, PhotonMaps, sample_direct};
+use crate::geometry::SurfaceInteraction;
+use crate::math::INV_PI;
 use crate::sample::{Sampler, Sequence};
 use crate::scene::Scene;
 use crate::shoot::{ShootSettings, Target, WalkSettings};
@@ -36,6 +41,10 @@ pub struct PhotonMapperSettings {
     pub final_gather: bool,
     /// Gather rays per camera sample.
     pub final_gather_samples: u32,
+    /// Gather rays find irradiance that was computed beforehand.
+    pub irradiance_photons: bool,
+    /// Interpolate gathered light between few points.
+    pub irradiance_cache: Option<CacheSettings>,
     pub lookup: LookupSettings,
 }
 
@@ -64,6 +73,8 @@ impl PhotonMapperSettings {
 pub struct PhotonMapper<'a> {
     pub settings: PhotonMapperSettings,
     pub maps: &'a PhotonMaps,
+    /// Where gathered light is interpolated from.
+    pub cache: Option<&'a IrradianceCache>,
 }
 
 impl Integrator for PhotonMapper<'_> {
@@ -130,6 +141,9 @@ impl PhotonMapper<'_> {
         counters: &mut Counters,
     ) -> Rgb {
         let gathers = self.settings.final_gather && edges >= 2 && self.maps.has_global();
+        // Gathered light that the cache knows leaves direct light to the shadow rays.
+        let cached = if gathers { self.cached(si, bsdf, counters) } else { None };
+        let gathers = gathers && cached.is_none();
         let shadow_rays = self.settings.direct_samples.max(1);
         let gather_rays = if gathers { self.settings.final_gather_samples.max(1) } else { 0 };
         // Direct light, shared between shadow rays and those gather rays that meet a light.
@@ -148,83 +162,22 @@ impl PhotonMapper<'_> {
                 .map(|mut s| self.gather_ray(scene, si, bsdf, 1.0 / share, 0, &mut s, counters))
                 .sum();
             sum += gathered / gather_rays as f32;
+        } else if let Some(cached) = cached {
+            sum += cached;
         } else if edges >= 2 {
             sum += self.maps.global_radiance(si, bsdf, counters).radiance;
         }
         sum
     }
 
-    /// One gather ray: through specular surfaces to the first that stores photons, where the global map is read.
-    ///
-    /// `light_share` is the number of shadow rays for each gather ray at `si`, for the MIS weight of a light that the
-    /// ray meets at once.
-    #[allow(clippy::too_many_arguments)]
-    fn gather_ray(
-        &self,
-        scene: &Scene,
-        si: &SurfaceInteraction,
-        bsdf: &Bsdf,
-        light_share: f32,
-        nested: u32,
-        sampler: &mut Sampler,
-        counters: &mut Counters,
-    ) -> Rgb {
-        let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-        let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SMOOTH_WIDE) else {
-            return Rgb::BLACK;
-        };
-        let mut sum = Rgb::BLACK;
-        let (mut beta, mut eta) = (s.weight, s.eta);
-        let mut ray = Ray::new(si.spawn_origin(s.wi), s.wi);
-        let mut depth = 0;
-        loop {
-            counters.camera_rays += 1;
-            let found = scene.hit(&ray);
-            // A light met at once is direct light; one met through specular surfaces is in the caustic map.
-            let Some(found) = found else {
-                if depth == 0 {
-                    let pdf_light = scene.pdf_environment(si.p, ray.d);
-                    let weight = power_heuristic(s.pdf, pdf_light * light_share);
-                    sum += beta * scene.environment_radiance(ray.d) * weight;
-                }
-                break;
-            };
-            let hit = scene.interaction(&ray, &found);
-            if depth == 0 && scene.is_emitter(&hit) {
-                let emitted = scene.emitted(&hit, hit.wo);
-                if !emitted.is_black() {
-                    sum += beta * emitted * power_heuristic(s.pdf, scene.pdf_direct(si.p, &hit) * light_share);
-                }
-            }
-            depth += 1;
-            let hit_bsdf = scene.bsdf(&hit);
-            if hit_bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
-                let estimate = self.maps.global_radiance(&hit, &hit_bsdf, counters);
-                // The blur of the map would show where the gather ray is short: gather once more there.
-                let near = hit.t * hit.t < 4.0 * estimate.radius_sq;
-                sum += beta
-                    * if near && nested < MAX_NESTED_GATHER && self.settings.max_depth.is_none() {
-                        sample_direct(scene, &hit, &hit_bsdf, LobeMask::SMOOTH_WIDE, 1.0, sampler, counters)
-                            + self.maps.caustic_radiance(&hit, &hit_bsdf, counters)
-                            + self.gather_ray(scene, &hit, &hit_bsdf, 1.0, nested + 1, sampler, counters)
-                    } else {
-                        estimate.radiance
-                    };
-            }
-            if !hit_bsdf.lobes().intersects(LobeMask::SPECULAR) {
-                break;
-            }
-            let Some((next, weight, eta_crossed)) = specular_bounce(&hit, &hit_bsdf, sampler) else { break };
-            beta *= weight;
-            eta *= eta_crossed;
-            ray = next;
-            if !roulette(&mut beta, eta, depth, self.settings.rr_depth, sampler) {
-                break;
-            }
-        }
-        sum
+    /// Gathered radiance that leaves a diffuse point, if the cache has records for it.
+    #[inline]
+    fn cached(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> Option<Rgb> {
+        let cache = self.cache?;
+        let (albedo, n) = bsdf.diffuse_only(si.wo)?;
+        let irradiance = cache.interpolate(si.p, n);
+        let count = if irradiance.is_some() { &mut counters.cache_hits } else { &mut counters.cache_misses };
+        *count += 1;
+        Some(albedo * INV_PI * irradiance?)
     }
 }
-
-/// Gather rays that may follow one another in a corner before the map is read all the same.
-const MAX_NESTED_GATHER: u32 = 4;

@@ -1,0 +1,185 @@
+//! The irradiance cache: indirect irradiance computed at few points and interpolated between them [Ward et al. 1988].
+//!
+//! A record is an average over a whole hemisphere of rays, with the gradients of [Ward and Heckbert 1992], and is good for
+//! its neighbourhood up to a radius: the harmonic mean of the distances of what it sees, within limits. The cache is filled
+//! in rounds (see the photon mapper), each from what the rounds before it left, so that it does not depend on threads.
+
+mod hemisphere;
+mod octree;
+#[cfg(test)]
+mod tests;
+
+pub use hemisphere::{Hemisphere, Seen};
+
+use crate::color::Rgb;
+use crate::math::{Bounds3, Vec3};
+use octree::Octree;
+
+/// Parameters, named as in Mitsuba 0.6's `irrcache`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CacheSettings {
+    /// Rows of strata in a hemisphere of rays; π times as many in azimuth.
+    pub resolution: u32,
+    /// Records are valid over a distance that this divides.
+    pub quality: f32,
+    /// Interpolate with gradients.
+    pub gradients: bool,
+    /// Let a record's radius not exceed a neighbour's by more than their distance [Křivánek et al. 2006].
+    pub clamp_neighbor: bool,
+    /// Keep a record's reach on the screen within [`PIXELS`].
+    pub clamp_screen: bool,
+}
+
+impl Default for CacheSettings {
+    fn default() -> Self {
+        Self { resolution: 16, quality: 1.0, gradients: true, clamp_neighbor: true, clamp_screen: true }
+    }
+}
+
+/// The largest error, in Ward's measure `d/R + √(1 − n·nᵢ)`, at which a record is used; divided by the quality.
+const REACH: f32 = 0.5;
+
+/// Least and greatest reach of a record on the screen, in pixels.
+pub const PIXELS: (f32, f32) = (1.5, 20.0);
+
+/// Irradiance around one point, on one side of a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CacheRecord {
+    pub p: Vec3,
+    /// Unit normal on the side that is lit.
+    pub n: Vec3,
+    /// Distance over which irradiance changes: the harmonic mean distance of what is seen, within limits.
+    pub radius: f32,
+    /// W·m⁻².
+    pub irradiance: Rgb,
+    /// Change of each channel with a turn of the normal about an axis, W·m⁻² per radian.
+    pub rotation: [Vec3; 3],
+    /// Change of each channel with a step, W·m⁻³.
+    pub translation: [Vec3; 3],
+}
+
+/// Records and the way to find them.
+pub struct IrradianceCache {
+    settings: CacheSettings,
+    /// The error at which a record is no longer used.
+    reach: f32,
+    records: Vec<CacheRecord>,
+    octree: Octree,
+}
+
+impl IrradianceCache {
+    /// An empty cache for points in `bounds`.
+    pub fn new(settings: CacheSettings, bounds: &Bounds3) -> Self {
+        let reach = REACH / settings.quality.max(1e-3);
+        Self { settings, reach, records: Vec::new(), octree: Octree::new(bounds) }
+    }
+
+    pub fn settings(&self) -> &CacheSettings {
+        &self.settings
+    }
+
+    /// Number of records.
+    pub fn len(&self) -> usize {
+        self.records.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.records.is_empty()
+    }
+
+    pub fn records(&self) -> &[CacheRecord] {
+        &self.records
+    }
+
+    pub fn memory(&self) -> usize {
+        self.records.capacity() * size_of::<CacheRecord>() + self.octree.memory()
+    }
+
+    /// Takes a record as [`Hemisphere::record`] made it. `pixel` is the width of a pixel seen there, scene units.
+    pub fn insert(&mut self, mut record: CacheRecord, pixel: f32) {
+        // No further than irradiance takes to change by as much as there is.
+        let steepest = record.translation.iter().map(|g| g.length()).fold(0.0, f32::max);
+        if self.settings.gradients && steepest > 0.0 {
+            record.radius = record.radius.min(record.irradiance.max_channel() / steepest);
+        }
+        // No further than a neighbour nearby allows, nor may the neighbour.
+        if self.settings.clamp_neighbor {
+            self.clamp_to_neighbours(&mut record);
+        }
+        if self.settings.clamp_screen && pixel.is_finite() {
+            let (least, most) = (PIXELS.0 * pixel / self.reach, PIXELS.1 * pixel / self.reach);
+            // What is made to reach further than it should must not overshoot.
+            if record.radius < least {
+                let shrink = record.radius / least;
+                record.translation.iter_mut().for_each(|g| *g *= shrink);
+            }
+            record.radius = record.radius.clamp(least, most);
+        }
+        if !(record.radius.is_finite() && record.irradiance.is_finite() && record.radius > 0.0) {
+            return;
+        }
+        let id = self.records.len() as u32;
+        self.octree.insert(id, record.p, self.reach * record.radius);
+        self.records.push(record);
+    }
+
+    fn clamp_to_neighbours(&mut self, record: &mut CacheRecord) {
+        let Self { octree, records, reach, .. } = self;
+        let near = |r: &CacheRecord, distance: f32| distance <= *reach * r.radius;
+        octree.visit(record.p, |i| {
+            let other = &records[i as usize];
+            let distance = other.p.distance(record.p);
+            if near(other, distance) {
+                record.radius = record.radius.min(other.radius + distance);
+            }
+        });
+        octree.visit(record.p, |i| {
+            let other = &mut records[i as usize];
+            let distance = other.p.distance(record.p);
+            if near(other, distance) {
+                other.radius = other.radius.min(record.radius + distance);
+            }
+        });
+    }
+
+    /// Irradiance (W·m⁻²) at `p` on the side of the unit normal `n`, if some record is good for it: the mean of what the
+    /// records say [Ward and Heckbert 1992, eq. 7], weighted by `1/error − 1/reach`, which fades in from 0.
+    #[inline]
+    pub fn interpolate(&self, p: Vec3, n: Vec3) -> Option<Rgb> {
+        let mut sum = Rgb::BLACK;
+        let mut weights = 0.0;
+        let inv_reach = 1.0 / self.reach;
+        self.octree.visit(p, |i| {
+            let record = &self.records[i as usize];
+            let d = p - record.p;
+            let limit = self.reach * record.radius;
+            let d_sq = d.length_squared();
+            let cos = n.dot(record.n);
+            if d_sq >= limit * limit || cos <= 0.0 {
+                return;
+            }
+            let error = d_sq.sqrt() / record.radius + (1.0 - cos).max(0.0).sqrt();
+            // A record in front of the point may see what the point does not.
+            if error >= self.reach || d.dot(n + record.n) < -0.1 * limit {
+                return;
+            }
+            let weight = 1.0 / error.max(1e-3 * self.reach) - inv_reach;
+            sum += record.at(d, n, self.settings.gradients) * weight;
+            weights += weight;
+        });
+        (weights > 0.0).then(|| (sum / weights).map(|c| c.max(0.0)))
+    }
+}
+
+impl CacheRecord {
+    /// Irradiance at the offset `d` under the normal `n`, by the gradients if they are wanted.
+    #[inline]
+    fn at(&self, d: Vec3, n: Vec3, gradients: bool) -> Rgb {
+        if !gradients {
+            return self.irradiance;
+        }
+        let turn = self.n.cross(n);
+        let change = |c: usize| turn.dot(self.rotation[c]) + d.dot(self.translation[c]);
+        self.irradiance + Rgb::new(change(0), change(1), change(2))
+    }
+}
