@@ -115,6 +115,9 @@ pub struct RenderArgs {
     /// Use the photon maps in this file (of `map build`) instead of shooting photons.
     #[arg(long, value_name = "FILE")]
     pub photon_map: Option<PathBuf>,
+    /// Bytes that the photon maps of a pass may take, for example 512MB or 2GB; sets the number of photons.
+    #[arg(long, value_name = "BYTES", value_parser = bytes, conflicts_with = "photons")]
+    pub photon_memory: Option<u64>,
     /// Passes to share the samples among; photon maps are made anew for each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 32))]
     pub passes: Option<u64>,
@@ -467,6 +470,25 @@ fn positive(s: &str) -> Result<f32, String> {
         .ok_or_else(|| format!("found {s:?}, expected a number above 0"))
 }
 
+/// `512MB`, `2GB`, `64k`, `1GiB`.
+fn bytes(s: &str) -> Result<u64, String> {
+    let expected = || format!("found {s:?}, expected a number of bytes, for example 512MB or 2GB");
+    let digits = s.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(s.len());
+    let (number, unit) = s.split_at(digits);
+    let scale = match unit.trim().to_ascii_lowercase().as_str() {
+        "" | "b" => 1.0,
+        "k" | "kb" => 1e3,
+        "m" | "mb" => 1e6,
+        "g" | "gb" => 1e9,
+        "kib" => 1024.0,
+        "mib" => 1024.0 * 1024.0,
+        "gib" => 1024.0 * 1024.0 * 1024.0,
+        _ => return Err(expected()),
+    };
+    let n = number.parse::<f64>().map_err(|_| expected())? * scale;
+    if (1e3..=1e15).contains(&n) { Ok(n as u64) } else { Err(expected()) }
+}
+
 fn key_value(s: &str) -> Result<(String, String), String> {
     match s.split_once('=') {
         Some((k, v)) if !k.is_empty() => Ok((k.to_owned(), v.to_owned())),
@@ -540,6 +562,14 @@ mod tests {
         assert_eq!(need("caustics=off"), Ok((Item::Caustics, false)));
         assert_eq!(need("uv=on"), Ok((Item::Uv, true)));
         assert!(need("caustics").is_err() && need("caustics=yes").is_err() && need("caustic=on").is_err());
+    }
+
+    #[test]
+    fn byte_counts() {
+        assert_eq!(bytes("512MB"), Ok(512_000_000));
+        assert_eq!(bytes("1.5GiB"), Ok(3 << 29));
+        assert_eq!(bytes("4096"), Ok(4096));
+        assert!(bytes("12").is_err() && bytes("MB").is_err() && bytes("-1MB").is_err() && bytes("1 TB").is_err());
     }
 
     #[test]

@@ -45,6 +45,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             integrator: a.integrator.clone(),
             spp: a.spp,
             photons: a.photons,
+            photon_memory: a.photon_memory,
             passes: a.passes,
             pass_range: a.pass_range.clone(),
             seed: a.seed,

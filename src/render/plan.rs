@@ -45,6 +45,8 @@ pub struct PlanOverrides {
     pub integrator: Option<String>,
     pub spp: Option<u64>,
     pub photons: Option<u64>,
+    /// Bytes that the photon maps of a pass may take; sets the number of photons where `photons` does not.
+    pub photon_memory: Option<u64>,
     pub passes: Option<u64>,
     /// The passes to make of those.
     pub pass_range: Option<Range<u64>>,
@@ -120,12 +122,13 @@ impl Plan {
         // Parameters of another integrator in the file do not apply.
         let own = settings.name == name;
         let spp = o.spp.unwrap_or(scene.sampler.spp).max(1);
+        let photons = o.photons.or(o.photon_memory.map(|bytes| photons_within(bytes, name)));
         let mut method = match name {
             "path" => Method::Path(path(settings)),
             "direct" => Method::Direct(direct(settings, own)),
-            "photonmapper" => Method::PhotonMapper(photonmapper(settings, own, o.photons, spp)),
-            "ppm" => Method::Ppm(sppm(scene, own, o.photons)),
-            "sppm" => Method::Sppm(sppm(scene, own, o.photons)),
+            "photonmapper" => Method::PhotonMapper(photonmapper(settings, own, photons, spp)),
+            "ppm" => Method::Ppm(sppm(scene, own, photons)),
+            "sppm" => Method::Sppm(sppm(scene, own, photons)),
             "ptracer" => Method::LightTracer(bidirectional(settings, own, VcmSettings::ptracer())),
             "bdpt" => Method::Bidirectional(bidirectional(settings, own, VcmSettings::bdpt())),
             "vcm" => Method::Vcm(bidirectional(settings, own, VcmSettings::default())),
@@ -260,6 +263,14 @@ fn bidirectional(s: &IntegratorSettings, own: bool, method: VcmSettings) -> VcmS
     }
 }
 
+/// Photons in each map so that all maps of a pass fit into so many bytes.
+fn photons_within(bytes: u64, integrator: &str) -> u64 {
+    // Two maps of 20.5 bytes a photon; precomputed irradiance takes 32 bytes for each photon of the global map at most.
+    let each = if integrator == "photonmapper" { 73.0 } else { 41.0 };
+    // The number stored is near the number wanted, not equal to it.
+    (0.9 * bytes as f64 / each) as u64
+}
+
 fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u64) -> PhotonMapperSettings {
     let integer = |name: &str, default: u64| {
         s.integer(name).filter(|_| own).and_then(|v| u64::try_from(v).ok()).unwrap_or(default)
@@ -276,6 +287,7 @@ fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u6
         final_gather: s.boolean("final_gather").filter(|_| own).unwrap_or(true),
         // About 64 gather rays a pixel at least, whatever the number of camera samples.
         final_gather_samples: integer("final_gather_samples", (64 / spp).max(1)) as u32,
+        guided_emission: s.boolean("guided_emission").filter(|_| own).unwrap_or(true),
         irradiance_photons: s.boolean("irradiance_photons").filter(|_| own).unwrap_or(true),
         irradiance_cache: s.boolean("irradiance_cache").filter(|&on| own && on).map(|_| cache(s)),
         lookup: LookupSettings {

@@ -9,21 +9,21 @@ use crate::integrator::sppm::{
     FoundPhotons, KINDS, PILOT_PASS, PassMaps, Radii, SharedStatistics, Sppm, SppmSettings, radius_sq_ratio,
 };
 use crate::photon::{Kernel, PhotonMap};
-use crate::shoot::Target;
+use crate::shoot::{Emission, Target};
 use crate::tally::Counters;
 
 /// What progressive photon mapping keeps from pass to pass.
 pub(super) struct Progressive {
     /// First radii; follow from scene and plan alone.
     pub radii: Radii,
-    /// Photon paths that every pass emits for each kind of map; follow from scene and plan alone.
-    emitted: PassPaths,
+    /// How every pass emits the photons of each kind of map; follow from scene and plan alone.
+    emitted: PassEmission,
     /// Follow from all passes before; only where the plan says so.
     pub shared: Option<SharedStatistics>,
 }
 
-/// Numbers of paths to emit, by the position of the target among those of the settings.
-type PassPaths = [u64; KINDS];
+/// By the position of the target among those of the settings.
+type PassEmission = [Emission; KINDS];
 
 impl Session<'_> {
     /// Shoots and balances the photons of one pass, then takes its camera samples.
@@ -36,7 +36,7 @@ impl Session<'_> {
         report: &(dyn Fn(f64) + Sync),
     ) -> Counters {
         self.prepare_progressive(settings, control);
-        let emitted = self.progressive.as_ref().map_or([0; KINDS], |p| p.emitted);
+        let emitted = self.progressive.as_ref().map_or_else(PassEmission::default, |p| p.emitted.clone());
         let maps = self.pass_maps(settings, self.next, &emitted, control);
         control.progress.phase("render");
         let (scene, seed) = (self.scene, self.plan.seed);
@@ -63,10 +63,10 @@ impl Session<'_> {
             return;
         }
         control.progress.phase("shoot photons");
-        let mut emitted = [0; KINDS];
-        for (paths, target) in emitted.iter_mut().zip(settings.targets()) {
+        let mut emitted = PassEmission::default();
+        for (emission, target) in emitted.iter_mut().zip(settings.targets()) {
             let shooting = settings.shoot_settings(self.plan.seed, PILOT_PASS, target, self.scene.sampler.sequence);
-            *paths = self.summary.time("shoot photons", || crate::shoot::paths_for(self.scene, &shooting));
+            *emission = self.summary.time("shoot photons", || crate::shoot::plan_emission(self.scene, &shooting));
         }
         let pilot = match settings.initial_radius {
             Some(_) => PassMaps::default(),
@@ -80,13 +80,13 @@ impl Session<'_> {
         self.progressive = Some(Progressive { radii, emitted, shared });
     }
 
-    fn pass_maps(&mut self, settings: &SppmSettings, pass: u64, emitted: &PassPaths, control: &Control) -> PassMaps {
+    fn pass_maps(&mut self, settings: &SppmSettings, pass: u64, emitted: &PassEmission, control: &Control) -> PassMaps {
         let (scene, summary) = (self.scene, &mut self.summary);
         let mut maps = PassMaps::default();
-        for (target, &paths) in settings.targets().zip(emitted) {
+        for (target, emission) in settings.targets().zip(emitted) {
             control.progress.phase("shoot photons");
             let shooting = settings.shoot_settings(self.plan.seed, pass, target, scene.sampler.sequence);
-            let shot = summary.time("shoot photons", || crate::shoot::shoot_paths(scene, &shooting, paths));
+            let shot = summary.time("shoot photons", || crate::shoot::shoot_paths(scene, &shooting, emission));
             if pass != PILOT_PASS {
                 summary.add_shot(target, &shot);
             }

@@ -1,10 +1,16 @@
 //! Photon tracing: emit, walk, deposit, in ordered batches of a fixed number of paths.
 
 mod balance;
+mod guide;
+#[cfg(test)]
+mod tests;
 mod walk;
 
 pub use balance::EnergyBalance;
-pub use walk::{Deposit, MANY_EDGES, Target, WalkSettings, survival};
+pub use guide::Guide;
+pub use walk::{Deposit, MANY_EDGES, Start, Target, WalkSettings, survival};
+
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -28,6 +34,16 @@ pub struct ShootSettings {
     pub photons: u64,
     /// Never emit more paths than this.
     pub max_paths: u64,
+    /// Aim the emission of caustic photons at what focuses light.
+    pub guided: bool,
+}
+
+/// What a pilot found out about emission; the same for every pass.
+#[derive(Clone, Debug, Default)]
+pub struct Emission {
+    /// Paths to emit.
+    pub paths: u64,
+    guide: Option<Arc<Guide>>,
 }
 
 /// The photons of one kind, in emission order, with what is known about how they came to be.
@@ -47,11 +63,12 @@ pub struct Shot {
 /// The number of emitted paths is chosen from a pilot so that about `settings.photons` are stored; it does not depend on
 /// what the real paths do, so stored powers are unbiased. The result is the same for any number of threads.
 pub fn shoot(scene: &Scene, settings: &ShootSettings) -> Shot {
-    shoot_paths(scene, settings, paths_for(scene, settings))
+    shoot_paths(scene, settings, &plan_emission(scene, settings))
 }
 
-/// As [`shoot`] with a number of emitted paths that is known: many passes over one scene share one pilot.
-pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emitted: u64) -> Shot {
+/// As [`shoot`] with what a pilot found out before: many passes over one scene share one pilot.
+pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emission: &Emission) -> Shot {
+    let (emitted, guide) = (emission.paths, emission.guide.as_deref());
     if emitted == 0 || scene.selector.is_empty() {
         return Shot::default();
     }
@@ -64,7 +81,7 @@ pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emitted: u64) -> Sho
             let last = (first + PATHS_PER_BATCH).min(emitted);
             let mut deposit = Deposit::new(settings.target, settings.walk, emitted);
             for index in first..last {
-                deposit.trace(scene, key, index);
+                deposit.trace(scene, guide, key, index);
             }
             deposit
         })
@@ -81,19 +98,26 @@ pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emitted: u64) -> Sho
     shot
 }
 
-/// The number of paths that is expected to store `settings.photons` photons; the same for every pass.
-pub fn paths_for(scene: &Scene, settings: &ShootSettings) -> u64 {
-    const PILOT: u64 = 4 * PATHS_PER_BATCH;
+/// Learns where to aim, if `settings` say so, and how many paths are expected to store `settings.photons` photons.
+pub fn plan_emission(scene: &Scene, settings: &ShootSettings) -> Emission {
     if settings.photons == 0 || scene.selector.is_empty() {
-        return 0;
+        return Emission::default();
     }
+    let aims = settings.guided && settings.target == Target::Caustic;
+    let guide = if aims { Guide::learn(scene, settings) } else { None };
+    Emission { paths: paths_for(scene, settings, guide.as_ref()), guide: guide.map(Arc::new) }
+}
+
+/// The number of paths that is expected to store `settings.photons` photons.
+fn paths_for(scene: &Scene, settings: &ShootSettings, guide: Option<&Guide>) -> u64 {
+    const PILOT: u64 = 4 * PATHS_PER_BATCH;
     let key = Key::new(settings.seed, Purpose::Pilot, settings.target.purpose() as u64);
     let stored: u64 = (0..PILOT / PATHS_PER_BATCH)
         .into_par_iter()
         .map(|batch| {
             let mut deposit = Deposit::new(settings.target, settings.walk, PILOT);
             for index in batch * PATHS_PER_BATCH..(batch + 1) * PATHS_PER_BATCH {
-                deposit.trace(scene, key, index);
+                deposit.trace(scene, guide, key, index);
             }
             deposit.photons.len() as u64
         })

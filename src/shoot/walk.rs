@@ -1,9 +1,10 @@
 //! One photon path: emission, scattering with Russian roulette, deposits.
 
-use super::EnergyBalance;
+use super::{EnergyBalance, Guide};
 use crate::bsdf::{LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::{Ray, SurfaceInteraction};
+use crate::math::Vec2;
 use crate::photon::{Photon, PhotonClass, PhotonRecord};
 use crate::sample::{Key, Purpose, Sampler, Sequence, hash_u64};
 use crate::scene::Scene;
@@ -74,6 +75,16 @@ pub fn survival(kept: f32, depth: u32, rr_depth: u32) -> f32 {
     }
 }
 
+/// Where a path starts: a light, the numbers it is given, and their density relative to uniform ones, with the
+/// probability of the light.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    pub light: usize,
+    pub u_pos: Vec2,
+    pub u_dir: Vec2,
+    pub pdf: f32,
+}
+
 /// The photons and tallies of one batch of paths.
 #[derive(Debug)]
 pub struct Deposit {
@@ -81,6 +92,8 @@ pub struct Deposit {
     pub balance: EnergyBalance,
     pub rejected: u64,
     pub counters: Counters,
+    /// Sum of the largest channels of the photons stored since it was last set to 0, W.
+    pub(super) stored_power: f64,
     target: Target,
     walk: WalkSettings,
     inv_emitted: f32,
@@ -94,44 +107,56 @@ impl Deposit {
             balance: EnergyBalance::default(),
             rejected: 0,
             counters: Counters::default(),
+            stored_power: 0.0,
             target,
             walk,
             inv_emitted: (1.0 / emitted as f64) as f32,
         }
     }
 
-    /// Follows photon path `index` from its light to its end.
-    pub fn trace(&mut self, scene: &Scene, key: Key, index: u64) {
+    /// Follows photon path `index` from its light to its end. Returns where it started, if it did.
+    pub fn trace(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, index: u64) -> Option<Start> {
         let mut sampler = Sampler::new(self.walk.sequence, key, index);
         // Emit from a light chosen at random.
         let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
-        let Some((light, pmf)) = scene.selector.sample(u_light) else { return };
-        let Some(le) = scene.lights[light].sample_le(&scene.light_context(), u_pos, u_dir) else { return };
-        let mut flux = le.weight * (self.inv_emitted / pmf);
+        let start = match guide {
+            Some(guide) => guide.start(u_light, u_pos, u_dir)?,
+            None => {
+                let (light, pdf) = scene.selector.sample(u_light)?;
+                Start { light, u_pos, u_dir, pdf }
+            }
+        };
+        let le = scene.lights[start.light].sample_le(&scene.light_context(), start.u_pos, start.u_dir)?;
+        let flux = le.weight * (self.inv_emitted / start.pdf);
         if !flux.is_finite() {
             self.rejected += 1;
-            return;
+            return None;
         }
-        if flux.is_black() {
-            return;
+        if !flux.is_black() {
+            EnergyBalance::add(&mut self.balance.emitted, flux);
+            self.walk(scene, le.ray, flux, &mut sampler, key.with(index));
         }
-        EnergyBalance::add(&mut self.balance.emitted, flux);
-        let mut ray = le.ray;
+        Some(start)
+    }
+
+    /// Follows a photon of power `flux` along `ray` to its end; `path` names its path.
+    fn walk(&mut self, scene: &Scene, mut ray: Ray, mut flux: Rgb, sampler: &mut Sampler, path: Key) {
         let (mut specular_chain, mut scattered) = (true, false);
         let mut depth = 0u32;
         loop {
             // Find where the photon lands.
             self.counters.photon_rays += 1;
-            let Some(si) = scene.intersect(&ray) else {
+            let Some(hit) = scene.hit(&ray) else {
                 EnergyBalance::add(&mut self.balance.escaped, flux);
                 return;
             };
+            let si = scene.interaction(&ray, &hit);
             depth += 1;
             // Store it where the surface has lobes that photons estimate.
             let bsdf = scene.bsdf(&si);
             let lobes = bsdf.lobes();
             if lobes.intersects(LobeMask::SMOOTH_WIDE) && self.wants(depth, specular_chain, scattered) {
-                self.store(&si, flux, depth, specular_chain, scattered, hash_u64(key.with(index).0, depth as u64));
+                self.store(&si, flux, depth, specular_chain, scattered, hash_u64(path.0, depth as u64));
             }
             if self.target == Target::Caustic && !lobes.intersects(LobeMask::SPECULAR) {
                 EnergyBalance::add(&mut self.balance.absorbed, flux);
@@ -198,7 +223,10 @@ impl Deposit {
             mark: !scattered,
         };
         match Photon::pack(&record, hash_u64(bits, Purpose::Quantize as u64)) {
-            Ok(photon) => self.photons.push(photon),
+            Ok(photon) => {
+                self.stored_power += power.max_channel() as f64;
+                self.photons.push(photon);
+            }
             Err(_) => self.rejected += 1,
         }
     }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::math::{DVec3, Vec2};
+use crate::math::DVec3;
 use crate::sample::{Key, Purpose, Sampler, Sequence, mix64};
 
 /// Irradiance at `p` under the unit normal `n` from the unit square around (0, 0, 1) that shines downwards with radiance 1,
@@ -87,11 +87,11 @@ fn gradients_halve_the_error() {
     let rms = |gradients: bool| {
         let settings = CacheSettings { gradients, clamp_screen: false, clamp_neighbor: false, ..Default::default() };
         let mut cache = IrradianceCache::new(settings, &bounds);
-        for i in 0..30u64 {
+        for i in 0..70u64 {
             let p = Vec3::new(1.2 * uniform(2 * i) - 0.6, 1.2 * uniform(2 * i + 1) - 0.6, 0.0);
             let mut r = record(p, Vec3::Z, 64, i);
             // One radius for all, so that both caches use the same records everywhere.
-            r.radius = 0.4;
+            r.radius = 0.3;
             r.irradiance = Rgb::splat(square_light(p.as_dvec3(), DVec3::Z) as f32);
             cache.insert(r, f32::INFINITY);
         }

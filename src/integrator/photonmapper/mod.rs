@@ -37,6 +37,8 @@ pub struct PhotonMapperSettings {
     pub global_photons: u64,
     /// Photons wanted in the caustic map; 0 makes none.
     pub caustic_photons: u64,
+    /// Aim the emission of caustic photons at what focuses light.
+    pub guided_emission: bool,
     /// Indirect light by gather rays over the global map; otherwise the map itself is shown.
     pub final_gather: bool,
     /// Gather rays per camera sample.
@@ -65,7 +67,15 @@ impl PhotonMapperSettings {
         let camera_edges = if target == Target::Global { 2 } else { 1 };
         let max_depth = self.max_depth.map(|d| d.saturating_sub(camera_edges));
         let walk = WalkSettings { max_depth, rr_depth: 1, sequence };
-        ShootSettings { seed, pass, target, walk, photons, max_paths: photons.saturating_mul(64) }
+        ShootSettings {
+            seed,
+            pass,
+            target,
+            walk,
+            photons,
+            max_paths: photons.saturating_mul(64),
+            guided: self.guided_emission,
+        }
     }
 }
 

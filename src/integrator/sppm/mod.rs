@@ -70,6 +70,7 @@ impl SppmSettings {
             walk,
             photons: self.photon_count,
             max_paths: self.photon_count.saturating_mul(4),
+            guided: true,
         }
     }
 

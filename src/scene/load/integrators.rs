@@ -55,6 +55,7 @@ const INTEGRATORS: &[(&str, Params)] = &[
             ("caustic_lookup_size", Count),
             ("final_gather", Switch),
             ("final_gather_samples", Count),
+            ("guided_emission", Switch),
             ("irradiance_photons", Switch),
             ("irradiance_cache", Switch),
             ("resolution", Count),

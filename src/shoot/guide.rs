@@ -1,0 +1,257 @@
+//! Emission aimed at what matters: a learnt density over the random numbers that a light turns into a photon's start.
+//!
+//! A light's `sample_le` maps four numbers, two for the position and two for the direction, to a ray. A grid over these
+//! numbers serves every kind of light. It begins as a projection map [Jensen 2001, §6.2]: cells from which a ray passes near
+//! a specular surface get half of the paths. A few short rounds then measure what the paths of each cell deposit, and the
+//! final density is proportional to the root of the mean square of that, which makes the variance least. A fixed share stays
+//! uniform [Grittmann et al. 2018], so that no power is ever out of proportion, and every path is divided by its density:
+//! aiming changes the noise and not the mean.
+
+use rayon::prelude::*;
+
+use super::walk::{Deposit, Start};
+use super::{PATHS_PER_BATCH, ShootSettings};
+use crate::bsdf::{LobeMask, may_have};
+use crate::math::{Vec2, Vec3};
+use crate::sample::{Cdf, Distribution2d, Key, Purpose, hash_u64};
+use crate::scene::Scene;
+
+/// Photon paths of the learning rounds, and the share of each that stays uniform.
+const ROUNDS: [(u64, f64); 3] = [(4, 0.5), (8, 0.3), (16, 0.2)];
+
+/// Share of the learnt density that lights with photons of use divide evenly: a dim light may be alone in its room.
+const EVEN: f64 = 0.25;
+
+/// Share of the finished density that stays uniform.
+const DEFENSIVE: f64 = 0.15;
+
+/// Rays sent through each cell of the projection map.
+const PROBES: u64 = 4;
+
+/// Spheres around specular surfaces that the projection map tells apart.
+const MAX_CASTERS: usize = 256;
+
+/// Cells along each axis of the grids of one light.
+#[derive(Clone, Copy, Debug)]
+struct Resolution {
+    position: usize,
+    direction: usize,
+}
+
+impl Resolution {
+    /// Fine for few lights, coarse for many, so that memory and learning stay bounded.
+    fn of(lights: usize) -> Self {
+        let (position, direction) = match lights {
+            0..=4 => (4, 32),
+            5..=64 => (2, 24),
+            65..=1024 => (1, 12),
+            _ => (1, 4),
+        };
+        Self { position, direction }
+    }
+
+    fn positions(self) -> usize {
+        self.position * self.position
+    }
+
+    fn directions(self) -> usize {
+        self.direction * self.direction
+    }
+
+    fn cells(self) -> usize {
+        self.positions() * self.directions()
+    }
+
+    /// The cell of a start, counted over all lights.
+    fn cell(self, light: usize, u_pos: Vec2, u_dir: Vec2) -> usize {
+        let index = |u: Vec2, n: usize| {
+            let at = |x: f32| ((x * n as f32) as usize).min(n - 1);
+            at(u.y) * n + at(u.x)
+        };
+        (light * self.positions() + index(u_pos, self.position)) * self.directions() + index(u_dir, self.direction)
+    }
+}
+
+/// Where photon paths start: a density over lights and over the numbers that each light is given.
+#[derive(Debug)]
+pub struct Guide {
+    resolution: Resolution,
+    lights: Cdf,
+    /// By light.
+    positions: Vec<Distribution2d>,
+    /// By light and position cell.
+    directions: Vec<Distribution2d>,
+}
+
+impl Guide {
+    /// Learns from short pilots where the photons that `settings` wants come from; `None` where no surface focuses light.
+    pub fn learn(scene: &Scene, settings: &ShootSettings) -> Option<Self> {
+        if !scene.may_have(LobeMask::SPECULAR) || scene.selector.is_empty() {
+            return None;
+        }
+        let resolution = Resolution::of(scene.lights.len());
+        let mut guide = Self::new(scene, resolution, &projection_map(scene, resolution), ROUNDS[0].1);
+        // Sum squares over the rounds; each is unbiased whatever density it was made with.
+        let mut squares = vec![0.0f64; scene.lights.len() * resolution.cells()];
+        let mut paths = 0;
+        for (round, &(batches, _)) in ROUNDS.iter().enumerate() {
+            let share = ROUNDS.get(round + 1).map_or(DEFENSIVE, |next| next.1);
+            guide.measure(scene, settings, paths, batches, &mut squares);
+            paths += batches * PATHS_PER_BATCH;
+            if squares.iter().any(|&s| s > 0.0) {
+                guide = Self::new(scene, resolution, &roots(&squares, resolution), share);
+            }
+        }
+        Some(guide)
+    }
+
+    /// A density proportional to `weights` but for the uniform `share`, which is spread as the scene's selector says.
+    fn new(scene: &Scene, resolution: Resolution, weights: &[f64], share: f64) -> Self {
+        let total: f64 = weights.iter().sum();
+        let share = if total > 0.0 { share } else { 1.0 };
+        let scale = if total > 0.0 { (1.0 - share) / total } else { 0.0 };
+        let cells = resolution.cells();
+        let mut guide = Self { resolution, lights: Cdf::default(), positions: Vec::new(), directions: Vec::new() };
+        let mut masses = Vec::with_capacity(scene.lights.len());
+        for (light, weights) in weights.chunks(cells).enumerate() {
+            let uniform = share * scene.selector.pmf(light) as f64 / cells as f64;
+            let mut by_position = Vec::with_capacity(resolution.positions());
+            for weights in weights.chunks(resolution.directions()) {
+                let densities: Vec<f64> = weights.iter().map(|w| uniform + w * scale).collect();
+                let mass: f64 = densities.iter().sum();
+                // Grids of f32 hold shares of the whole well only when they are near 1.
+                let inv = if mass > 0.0 { densities.len() as f64 / mass } else { 0.0 };
+                let grid: Vec<f32> = densities.iter().map(|d| (d * inv) as f32).collect();
+                guide.directions.push(Distribution2d::new(resolution.direction, resolution.direction, &grid));
+                by_position.push(mass);
+            }
+            let mass: f64 = by_position.iter().sum();
+            let inv = if mass > 0.0 { by_position.len() as f64 / mass } else { 0.0 };
+            let grid: Vec<f32> = by_position.iter().map(|m| (m * inv) as f32).collect();
+            guide.positions.push(Distribution2d::new(resolution.position, resolution.position, &grid));
+            masses.push(mass);
+        }
+        guide.lights = Cdf::new(masses);
+        guide
+    }
+
+    /// A start and its density relative to uniform numbers, the probability of the light included.
+    pub(super) fn start(&self, u_light: f32, u_pos: Vec2, u_dir: Vec2) -> Option<Start> {
+        let (light, pmf, _) = self.lights.sample(u_light)?;
+        let (u_pos, pdf_pos) = self.positions[light].sample(u_pos)?;
+        let cell = self.resolution.cell(light, u_pos, Vec2::ZERO) / self.resolution.directions();
+        let (u_dir, pdf_dir) = self.directions[cell].sample(u_dir)?;
+        // Rounding may reach the upper end of a cell.
+        let below_one = Vec2::splat(1.0f32.next_down());
+        let (u_pos, u_dir) = (u_pos.min(below_one), u_dir.min(below_one));
+        Some(Start { light, u_pos, u_dir, pdf: pmf * pdf_pos * pdf_dir })
+    }
+
+    /// Traces paths and adds, for each cell, the squares of what they deposit over their density.
+    fn measure(&self, scene: &Scene, settings: &ShootSettings, first: u64, batches: u64, squares: &mut [f64]) {
+        let key = Key::new(settings.seed, Purpose::Pilot, hash_u64(settings.target.purpose() as u64, 1));
+        let found: Vec<Vec<(usize, f64)>> = (0..batches)
+            .into_par_iter()
+            .map(|batch| {
+                let mut deposit = Deposit::new(settings.target, settings.walk, 1);
+                let mut found = Vec::new();
+                let begin = first + batch * PATHS_PER_BATCH;
+                for index in begin..begin + PATHS_PER_BATCH {
+                    let Some(start) = deposit.trace(scene, Some(self), key, index) else { continue };
+                    let power = std::mem::take(&mut deposit.stored_power);
+                    deposit.photons.clear();
+                    if power > 0.0 {
+                        // The stored power is f/p, so f²/p is its square times p.
+                        let cell = self.resolution.cell(start.light, start.u_pos, start.u_dir);
+                        found.push((cell, power * power * start.pdf as f64));
+                    }
+                }
+                found
+            })
+            .collect();
+        for (cell, square) in found.into_iter().flatten() {
+            squares[cell] += square;
+        }
+    }
+}
+
+/// Roots of squares that are blurred over neighbouring directions, so that cells that no path met by chance are not left out.
+fn roots(squares: &[f64], resolution: Resolution) -> Vec<f64> {
+    let n = resolution.direction;
+    let mut roots = Vec::with_capacity(squares.len());
+    for grid in squares.chunks(resolution.directions()) {
+        for y in 0..n {
+            for x in 0..n {
+                let near = |c: usize| c.saturating_sub(1)..(c + 2).min(n);
+                let around: f64 = near(y).flat_map(|j| near(x).map(move |i| grid[j * n + i])).sum();
+                roots.push((0.75 * grid[y * n + x] + 0.25 / 9.0 * around).sqrt());
+            }
+        }
+    }
+    lift_dim_lights(&mut roots, resolution.cells());
+    roots
+}
+
+/// Raises the weights of lights that have less than their even share of [`EVEN`].
+fn lift_dim_lights(weights: &mut [f64], cells: usize) {
+    let sums: Vec<f64> = weights.chunks(cells).map(|w| w.iter().sum()).collect();
+    let useful = sums.iter().filter(|&&s| s > 0.0).count();
+    let least = EVEN * sums.iter().sum::<f64>() / useful.max(1) as f64;
+    for (weights, &sum) in weights.chunks_mut(cells).zip(&sums) {
+        if sum > 0.0 && sum < least {
+            weights.iter_mut().for_each(|w| *w *= least / sum);
+        }
+    }
+}
+
+/// For each cell, the power of its light if a ray of the cell passes near a specular surface, else 0.
+fn projection_map(scene: &Scene, resolution: Resolution) -> Vec<f64> {
+    let casters = casters(scene);
+    let context = scene.light_context();
+    let mut map = vec![0.0; scene.lights.len() * resolution.cells()];
+    map.par_chunks_mut(resolution.directions()).enumerate().for_each(|(grid, cells)| {
+        let (light, position) = (grid / resolution.positions(), grid % resolution.positions());
+        let pmf = scene.selector.pmf(light) as f64;
+        for (direction, cell) in cells.iter_mut().enumerate() {
+            let hits = (0..PROBES).any(|probe| {
+                let hash = hash_u64((grid * resolution.directions() + direction) as u64, probe);
+                let within = |index: usize, n: usize, bits: u64| {
+                    let jitter = |b: u64| (b & 0xffff) as f32 / 65536.0;
+                    let (x, y) = ((index % n) as f32 + jitter(bits), (index / n) as f32 + jitter(bits >> 16));
+                    Vec2::new(x, y) / n as f32
+                };
+                let u_pos = within(position, resolution.position, hash);
+                let u_dir = within(direction, resolution.direction, hash >> 32);
+                let Some(le) = scene.lights[light].sample_le(&context, u_pos, u_dir) else { return false };
+                casters.iter().any(|&(centre, radius)| passes_near(le.ray.o, le.ray.d, centre, radius))
+            });
+            if hits {
+                *cell = pmf;
+            }
+        }
+    });
+    map
+}
+
+/// Whether a ray comes within a sphere that is wider by an eighth.
+fn passes_near(o: Vec3, d: Vec3, centre: Vec3, radius: f32) -> bool {
+    let to = centre - o;
+    let reach = 1.125 * radius;
+    let along = to.dot(d);
+    to.length_squared() <= reach * reach || (along > 0.0 && to.length_squared() - along * along <= reach * reach)
+}
+
+/// Spheres around the specular shapes; around all of them where they are too many to tell apart.
+fn casters(scene: &Scene) -> Vec<(Vec3, f32)> {
+    let geometry = &scene.geometry;
+    let focuses = |shape: u32| {
+        may_have(&scene.materials, scene.shape_materials[shape as usize], LobeMask::DELTA | LobeMask::SHARP)
+    };
+    let top = geometry.top.iter().copied().filter(|&s| focuses(s)).map(|s| geometry.shape_bounds(s));
+    let groups: Vec<bool> = geometry.groups.iter().map(|g| g.iter().any(|&s| focuses(s))).collect();
+    let placed = geometry.instances.iter().filter(|i| groups[i.group as usize]);
+    let placed = placed.map(|i| i.bounds(&geometry.group_bounds(i.group)));
+    let spheres: Vec<(Vec3, f32)> =
+        top.chain(placed).filter(|b| !b.is_empty()).map(|b| (b.center(), 0.5 * (b.max - b.min).length())).collect();
+    if spheres.len() > MAX_CASTERS { vec![scene.bounding_sphere()] } else { spheres }
+}
