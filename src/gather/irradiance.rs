@@ -153,8 +153,8 @@ fn facing(normal: Vec3, front: bool) -> u32 {
 #[inline]
 fn key(p: Vec3, level: i32, facing: u32) -> u64 {
     let cell = p * exp2(-level);
-    // Round down without a call into the C library.
-    let bits = |x: f32| ((x as i32 - i32::from(x < x as i32 as f32)) as u64) & 0x3_ffff;
+    // Round down without a call into the C library; what is out of range wraps.
+    let bits = |x: f32| ((x as i32).wrapping_sub(i32::from(x < x as i32 as f32)) as u64) & 0x3_ffff;
     1 << 63
         | ((level - LEVELS.0) as u64) << 57
         | (facing as u64) << 54
