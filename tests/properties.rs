@@ -204,7 +204,7 @@ proptest! {
     fn energy_is_never_created(world in world()) {
         let scene = world.scene(PLAIN, AccelKind::Bvh);
         let walk = WalkSettings { max_depth: None, rr_depth: 1, sequence: Sequence::Independent };
-        let settings = ShootSettings { seed: 1, pass: 0, target: Target::Global, walk, photons: 20_000, max_paths: 1 << 17 };
+        let settings = ShootSettings { seed: 1, pass: 0, target: Target::Global, walk, photons: 20_000, max_paths: 1 << 17, guided: false };
         let b = shoot(&scene, &settings).balance;
         prop_assert!(b.relative_error() < 1e-6);
         for c in 0..3 {

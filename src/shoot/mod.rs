@@ -46,6 +46,13 @@ pub struct Emission {
     guide: Option<Arc<Guide>>,
 }
 
+impl Emission {
+    /// So many paths from lights chosen by their power.
+    pub fn unaimed(paths: u64) -> Self {
+        Self { paths, guide: None }
+    }
+}
+
 /// The photons of one kind, in emission order, with what is known about how they came to be.
 #[derive(Debug, Default)]
 pub struct Shot {

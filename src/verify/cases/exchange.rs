@@ -218,7 +218,8 @@ fn radiance_from_map(accel: AccelKind, bsdf: &str, degrees: f64, seed: u64) -> f
     ]);
     let scene = load(&xml, &[], accel).unwrap_or_else(|e| panic!("the program's own scene: {e}"));
     let walk = WalkSettings { max_depth: Some(1), rr_depth: 1, sequence: Sequence::Independent };
-    let settings = ShootSettings { seed, pass: 0, target: Target::Global, walk, photons: 500, max_paths: 1 << 24 };
+    let settings =
+        ShootSettings { seed, pass: 0, target: Target::Global, walk, photons: 500, max_paths: 1 << 24, guided: false };
     let shot = shoot(&scene, &settings);
     let lookup = LookupSettings {
         global_size: 60,

@@ -11,7 +11,7 @@ use crate::geometry::TriangleMesh;
 use crate::math::{DVec3, Vec3};
 use crate::sample::Sequence;
 use crate::scene::Scene;
-use crate::shoot::{ShootSettings, Shot, Target, WalkSettings, shoot, shoot_paths};
+use crate::shoot::{Emission, ShootSettings, Shot, Target, WalkSettings, shoot, shoot_paths};
 use std::f64::consts::{PI, TAU};
 
 pub fn cases() -> Vec<Case> {
@@ -120,7 +120,18 @@ fn ball_scene(z: f64, camera: &str, receiver: &str) -> String {
 
 fn caustic_photons(scene: &Scene, photons: u64, seed: u64, max_depth: u32) -> Shot {
     let walk = WalkSettings { max_depth: Some(max_depth), rr_depth: u32::MAX, sequence: Sequence::Independent };
-    shoot(scene, &ShootSettings { seed, pass: 0, target: Target::Caustic, walk, photons, max_paths: photons * 64 })
+    shoot(
+        scene,
+        &ShootSettings {
+            seed,
+            pass: 0,
+            target: Target::Caustic,
+            walk,
+            photons,
+            max_paths: photons * 64,
+            guided: false,
+        },
+    )
 }
 
 fn balls() -> Vec<Item> {
@@ -271,8 +282,9 @@ fn cube() -> Vec<Item> {
     let of = |paths: u64, what: &'static str| {
         let share = move |scene: &Scene, seed: u64| {
             let walk = WalkSettings { max_depth: None, rr_depth: 5, sequence: Sequence::Independent };
-            let settings = ShootSettings { seed, pass: 0, target: Target::Global, walk, photons: 1, max_paths: 1 };
-            let shot = shoot_paths(scene, &settings, paths);
+            let settings =
+                ShootSettings { seed, pass: 0, target: Target::Global, walk, photons: 1, max_paths: 1, guided: false };
+            let shot = shoot_paths(scene, &settings, &Emission::unaimed(paths));
             let b = shot.balance;
             let part = if what == "escaped" { b.escaped[1] } else { b.roulette[1] };
             part / b.emitted[1]
