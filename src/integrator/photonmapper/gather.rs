@@ -25,7 +25,41 @@ pub(super) struct LightShare {
     shadow_rays: f32,
 }
 
+impl LightShare {
+    /// What the ray along `d` sees of a light at `hit`, or of the environment, with its MIS weight.
+    #[inline]
+    fn met(&self, scene: &Scene, d: Vec3, hit: Option<&SurfaceInteraction>) -> Rgb {
+        let (emitted, pdf_light) = match hit {
+            Some(hit) if scene.is_emitter(hit) => (scene.emitted(hit, hit.wo), scene.pdf_direct(self.p, hit)),
+            Some(_) => return Rgb::BLACK,
+            None => (scene.environment_radiance(d), scene.pdf_environment(self.p, d)),
+        };
+        if emitted.is_black() {
+            return Rgb::BLACK;
+        }
+        emitted * power_heuristic(self.pdf, pdf_light * self.shadow_rays)
+    }
+}
+
 impl PhotonMapper<'_> {
+    /// The half of the direct light at `si` that a ray of the BSDF finds, for one shadow ray each.
+    pub(super) fn light_ray(
+        &self,
+        scene: &Scene,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        sampler: &mut Sampler,
+        counters: &mut Counters,
+    ) -> Rgb {
+        let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+        let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SMOOTH_WIDE) else {
+            return Rgb::BLACK;
+        };
+        counters.camera_rays += 1;
+        let hit = scene.intersect(&Ray::new(si.spawn_origin(s.wi), s.wi));
+        s.weight * LightShare { p: si.p, pdf: s.pdf, shadow_rays: 1.0 }.met(scene, s.wi, hit.as_ref())
+    }
+
     /// One gather ray from `si`, and its light by MIS with `shadow_rays` shadow rays for each gather ray.
     #[allow(clippy::too_many_arguments)]
     pub(super) fn gather_ray(
@@ -72,9 +106,7 @@ impl PhotonMapper<'_> {
             let share = share.filter(|_| depth == 0);
             let Some(found) = found else {
                 if let Some(share) = share {
-                    let pdf_light = scene.pdf_environment(share.p, ray.d);
-                    sum +=
-                        scene.environment_radiance(ray.d) * power_heuristic(share.pdf, pdf_light * share.shadow_rays);
+                    sum += share.met(scene, ray.d, None);
                 }
                 break;
             };
@@ -82,11 +114,8 @@ impl PhotonMapper<'_> {
             if depth == 0 {
                 distance = hit.t;
             }
-            if let Some(share) = share.filter(|_| scene.is_emitter(&hit)) {
-                let emitted = scene.emitted(&hit, hit.wo);
-                if !emitted.is_black() {
-                    sum += emitted * power_heuristic(share.pdf, scene.pdf_direct(share.p, &hit) * share.shadow_rays);
-                }
+            if let Some(share) = share {
+                sum += share.met(scene, ray.d, Some(&hit));
             }
             depth += 1;
             // Read the map where photons are stored.

@@ -156,13 +156,20 @@ impl PhotonMapper<'_> {
         let gathers = gathers && cached.is_none();
         let shadow_rays = self.settings.direct_samples.max(1);
         let gather_rays = if gathers { self.settings.final_gather_samples.max(1) } else { 0 };
-        // Direct light, shared between shadow rays and those gather rays that meet a light.
-        let share = gather_rays as f32 / shadow_rays as f32;
+        // Direct light, shared between shadow rays and those gather rays that meet a light. Where none are traced, narrow
+        // lobes send rays of their own: light sampling alone hardly finds them.
+        let narrow = !gathers && bsdf.lobes().intersects(LobeMask::GLOSSY);
+        let share = if narrow { 1.0 } else { gather_rays as f32 / shadow_rays as f32 };
         let direct: Rgb = sampler
             .split(shadow_rays)
             .map(|mut s| sample_direct(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, &mut s, counters))
             .sum();
         let mut sum = direct / shadow_rays as f32;
+        if narrow {
+            let met: Rgb =
+                sampler.split(shadow_rays).map(|mut s| self.light_ray(scene, si, bsdf, &mut s, counters)).sum();
+            sum += met / shadow_rays as f32;
+        }
         // Caustics from their map.
         sum += self.maps.caustic_radiance(si, bsdf, counters);
         // Indirect light by gathering over the global map, or from the map of indirect photons itself.
