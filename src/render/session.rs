@@ -136,7 +136,7 @@ impl<'s> Session<'s> {
     }
 
     /// The error of [`Session::image`] against the unknown truth, in the unit of relMSE, as far as the passes show it;
-    /// `None` unless the plan tracks the error and [`MIN_PASSES`](super::doubt::MIN_PASSES) are in.
+    /// `None` unless the plan tracks the error and a few passes are in.
     pub fn estimated_relmse(&self) -> Option<f64> {
         self.doubt.as_ref()?.relmse(&self.image())
     }

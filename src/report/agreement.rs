@@ -55,7 +55,7 @@ impl Blocks {
     }
 }
 
-/// The outcome of [`test`].
+/// The outcome of [`test()`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BlockTest {
     /// Block means compared, each channel for itself.

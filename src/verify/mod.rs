@@ -2,7 +2,7 @@
 //!
 //! A [`Case`] is a family of scenes or of questions to the rooms below, each with a number that a formula gives. Formulas
 //! are evaluated in f64 here, never recorded from a run. Every method of [`METHODS`] is put to every scene that it can
-//! render ([`methods`]), on every back end of the build.
+//! render (`methods`), on every back end of the build.
 
 mod case;
 mod cases;
