@@ -220,3 +220,26 @@ fn a_stored_photon_map_renders_the_same_picture() {
     std::fs::write(f.path("scene.xml"), CAUSTIC.replace("0.5", "0.6")).expect("written");
     assert_fails(&render(&fresh, &["--photon-map", &map]), 2, &["another scene"]);
 }
+
+#[test]
+fn layers_are_written_into_and_beside_the_picture() {
+    let f = Folder::new(CAUSTIC);
+    let (scene, exr, png) = (f.text("scene.xml"), f.text("a.exr"), f.text("a.png"));
+    let o = caustica(&["render", &scene, "-q", "-o", &exr, "-o", &png, "--aov", "direct,caustic,density"]);
+    assert!(o.status.success() && o.stdout.is_empty() && o.stderr.is_empty(), "{}", stderr(&o));
+    let image = caustica::image::read(&exr).expect("written");
+    assert!(image.layer("caustic").is_some() && image.layer("direct").is_some() && image.layer("global").is_none());
+    let density = image.channel("density.Y").expect("a channel").iter().copied().fold(0.0, f32::max);
+    assert!(density > 10.0 && density.is_finite(), "{density}");
+    for (layer, height) in [("direct", 16), ("caustic", 16), ("density", 16 * 11 + 19)] {
+        let picture = caustica::image::read(f.path(&format!("a.{layer}.png"))).expect("written");
+        assert_eq!(picture.height(), height, "{layer}");
+    }
+    assert_fails(&caustica(&["render", &scene, "--aov", "cache"]), 2, &["irradiance_cache"]);
+    let args = ["render", &scene, "--aov", "caustic", "--integrator", "path"];
+    assert_fails(&caustica(&args), 2, &["caustic", "path", "--integrator photonmapper"]);
+    assert_fails(&caustica(&["render", &scene, "--aov", "caustics"]), 2, &["caustics", "density"]);
+    let checkpoint = f.text("c.cpt");
+    let args = ["render", &scene, "--aov", "caustic", "--checkpoint", &checkpoint];
+    assert_fails(&caustica(&args), 2, &["checkpoints do not keep the layers"]);
+}

@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::accel::AccelKind;
+use crate::integrator::Layer;
 use crate::scene::NeedOverride;
 
 /// A photon-mapping renderer for the CPU that reads Mitsuba scene files.
@@ -94,6 +95,33 @@ pub enum Aov {
     Variance,
     /// Bias of each pixel, from photon maps read more and less widely.
     Bias,
+    /// Radiance of all photon maps seen directly.
+    Photons,
+    /// Radiance of the caustic map.
+    Caustic,
+    /// Radiance of the global map.
+    Global,
+    /// Light of no photon.
+    Direct,
+    /// Photons stored per unit of area.
+    Density,
+    /// Where the irradiance cache has its records.
+    Cache,
+}
+
+impl Aov {
+    /// What it shows of photon maps, if it does.
+    pub fn layer(self) -> Option<Layer> {
+        Some(match self {
+            Self::Variance | Self::Bias => return None,
+            Self::Photons => Layer::Photons,
+            Self::Caustic => Layer::Caustic,
+            Self::Global => Layer::Global,
+            Self::Direct => Layer::Direct,
+            Self::Density => Layer::Density,
+            Self::Cache => Layer::Cache,
+        })
+    }
 }
 
 #[derive(Debug, Args)]
@@ -143,7 +171,9 @@ pub struct RenderArgs {
     #[arg(long, value_name = "relmse=VALUE", value_parser = target_error)]
     pub target_error: Option<f64>,
     /// Layers to write into .exr beside the colour: variance (of each pixel and, as blockvariance, of each block of
-    /// 16 x 16), bias (of photon maps; doubles the time of camera passes).
+    /// 16 x 16), bias (of photon maps; doubles the time of camera passes); and of photonmapper's maps, seen directly:
+    /// photons (all maps), caustic, global, direct (what is not of photons), density (photons per unit of area), cache
+    /// (records of the irradiance cache). Beside a .png these last become pictures FILE.LAYER.png of their own.
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub aov: Vec<Aov>,
     /// Seed of all random numbers.

@@ -7,6 +7,7 @@ mod converge;
 mod generate;
 mod info;
 mod keep;
+mod layers;
 mod map;
 mod merge;
 mod progress;

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::args::{Aov, RenderArgs};
 use super::keep::Keeper;
 use super::progress::Reporter;
-use super::{CliError, INTERRUPTED, bytes, human, print};
+use super::{CliError, INTERRUPTED, bytes, human, layers, print};
 use crate::image::{Format, Image, WriteOptions};
 use crate::render::{Checkpoint, Control, Plan, PlanOverrides, Session, Summary, render_from};
 use crate::scene::Scene;
@@ -36,7 +36,8 @@ struct Report<'a> {
 pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     let started = Instant::now();
     // Refuse what cannot be written before any work is done.
-    let outputs = outputs(a)?;
+    let mut outputs = outputs(a)?;
+    layers::check(a)?;
     super::set_threads(a.scene.threads)?;
     let scene = super::load_scene(&a.scene)?;
     let mut plan = Plan::new(
@@ -54,6 +55,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             track_error: a.aov.contains(&Aov::Variance),
             track_bias: a.aov.contains(&Aov::Bias),
             target_error: a.target_error,
+            layers: layers::wanted(a),
             needs: a.scene.needs.clone(),
         },
     )?;
@@ -97,6 +99,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     for path in &outputs {
         crate::image::write(path, &rendering.image, &options).map_err(CliError::Output)?;
     }
+    outputs.extend(layers::write_beside(&outputs, &rendering.image, &plan.layers, &options)?);
     rendering.summary.add_phase("write", writing.elapsed().as_secs_f64());
     let summary = &rendering.summary;
     if a.json {

@@ -7,7 +7,7 @@ use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
 use crate::math::{INV_PI, Vec3};
-use crate::photon::{Kernel, KnnScratch, PhotonMap};
+use crate::photon::{Kernel, KnnScratch, PhotonClass, PhotonMap};
 use crate::tally::Counters;
 
 /// How photon maps are read. Radii are fractions of the radius of the scene's bounding sphere.
@@ -110,6 +110,28 @@ impl PhotonMaps {
     pub fn global_radiance(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> MapEstimate {
         self.global.as_ref().map_or(MapEstimate::default(), |l| l.estimate(si, bsdf, counters))
     }
+
+    /// Radiance of all maps that leaves `si` towards `si.wo`, each photon path counted once: caustics from their own map
+    /// even where the global map holds them too. Nothing precomputed is used.
+    pub fn photon_radiance(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> Rgb {
+        let Some(global) = &self.global else { return self.caustic_radiance(si, bsdf, counters) };
+        let sharper = self.caustic.is_some();
+        let rest = |i: u32| !(sharper && global.map.flags(i).class() == PhotonClass::Caustic);
+        self.caustic_radiance(si, bsdf, counters) + global.estimate_where(si, bsdf, rest).radiance
+    }
+
+    /// As [`PhotonMaps::global_radiance`] without what is precomputed.
+    pub fn plain_global_radiance(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> Rgb {
+        counters.photon_queries += 1;
+        self.global.as_ref().map_or(Rgb::BLACK, |l| l.estimate_where(si, bsdf, |_| true).radiance)
+    }
+
+    /// Photons of all maps for each unit of area, scene units, on the side of the surface that `si.wo` sees.
+    pub fn density(&self, si: &SurfaceInteraction) -> f32 {
+        let front = si.wo.dot(si.ng) > 0.0;
+        let of = |l: &Lookup| SCRATCH.with_borrow_mut(|scratch| l.density(si.p, si.ng, front, scratch));
+        [&self.caustic, &self.global].into_iter().flatten().map(of).sum()
+    }
 }
 
 impl Lookup {
@@ -137,30 +159,45 @@ impl Lookup {
         counters.photon_queries += 1;
         let front = si.wo.dot(si.ng) > 0.0;
         // Lambertian: the directions of the photons do not matter, and irradiance may be known already.
-        if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE) {
-            let known = self.irradiance.as_ref().and_then(|map| map.lookup(si.p, si.ng, front));
-            let known =
-                known.or_else(|| SCRATCH.with_borrow_mut(|scratch| self.irradiance(si.p, si.ng, front, scratch)));
-            return known.map_or(MapEstimate::default(), |(irradiance, radius_sq)| MapEstimate {
-                radiance: albedo * INV_PI * irradiance,
-                radius_sq,
-            });
+        if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE)
+            && let Some((irradiance, radius_sq)) =
+                self.irradiance.as_ref().and_then(|map| map.lookup(si.p, si.ng, front))
+        {
+            return MapEstimate { radiance: albedo * INV_PI * irradiance, radius_sq };
         }
+        self.estimate_where(si, bsdf, |_| true)
+    }
+
+    /// As [`Lookup::estimate`] over the photons that `accept` takes, without what is precomputed.
+    fn estimate_where(&self, si: &SurfaceInteraction, bsdf: &Bsdf, accept: impl Fn(u32) -> bool) -> MapEstimate {
+        let front = si.wo.dot(si.ng) > 0.0;
         SCRATCH.with_borrow_mut(|scratch| {
+            if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE) {
+                let sum = self.sum(si.p, si.ng, Some(front), scratch, accept, |i| self.map.power(i));
+                return sum.map_or(MapEstimate::default(), |(irradiance, radius_sq)| MapEstimate {
+                    radiance: albedo * INV_PI * irradiance,
+                    radius_sq,
+                });
+            }
             let side = if bsdf.transmits(LobeMask::SMOOTH_WIDE) { None } else { Some(front) };
             let term = |i: u32| {
                 let wi = above_horizon(self.map.direction(i), si.ng, self.map.side(i));
                 // eval() has |wi·ns|; what photons count is flux through the geometric surface, |wi·ng|.
                 bsdf.eval(si.wo, wi, Mode::Radiance, LobeMask::SMOOTH_WIDE) * self.map.power(i) / flux_cosine(si, wi)
             };
-            let sum = self.sum(si.p, si.ng, side, scratch, term);
+            let sum = self.sum(si.p, si.ng, side, scratch, accept, term);
             sum.map_or(MapEstimate::default(), |(radiance, radius_sq)| MapEstimate { radiance, radius_sq })
         })
     }
 
     /// Irradiance (W·m⁻²) on one side of a surface, and the squared radius of the disc it is averaged over.
     pub(super) fn irradiance(&self, p: Vec3, ng: Vec3, front: bool, scratch: &mut KnnScratch) -> Option<(Rgb, f32)> {
-        self.sum(p, ng, Some(front), scratch, |i| self.map.power(i))
+        self.sum(p, ng, Some(front), scratch, |_| true, |i| self.map.power(i))
+    }
+
+    /// Photons for each unit of area on one side of a surface.
+    fn density(&self, p: Vec3, ng: Vec3, front: bool, scratch: &mut KnnScratch) -> f32 {
+        self.sum(p, ng, Some(front), scratch, |_| true, |_| Rgb::splat(1.0)).map_or(0.0, |(density, _)| density.g)
     }
 
     /// `Σ term·K(d)` over the nearest photons on this surface, and the squared radius.
@@ -174,11 +211,12 @@ impl Lookup {
         ng: Vec3,
         side: Option<bool>,
         scratch: &mut KnnScratch,
+        accept: impl Fn(u32) -> bool,
         term: impl Fn(u32) -> Rgb,
     ) -> Option<(Rgb, f32)> {
         let found = self.map.nearest_where(p, self.size, self.max_radius_sq, scratch, |i| {
             let flags = self.map.flags(i);
-            side.is_none_or(|s| flags.side() == s) && flags.normal().dot(ng) > MIN_NORMAL_COS
+            side.is_none_or(|s| flags.side() == s) && flags.normal().dot(ng) > MIN_NORMAL_COS && accept(i)
         });
         let radius_sq = found.radius_sq;
         if radius_sq <= 0.0 {

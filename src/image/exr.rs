@@ -24,17 +24,19 @@ const PIXELS_PER_BYTE: u64 = 1 << 16;
 const PARALLEL_VALUES: usize = 1 << 20;
 
 pub(super) fn encode(image: &Image, half: bool) -> Result<Vec<u8>, Fault> {
-    let samples = |values: &mut dyn Iterator<Item = f32>| match half {
+    let samples = |values: &mut dyn Iterator<Item = f32>, half: bool| match half {
         true => FlatSamples::F16(values.map(f16::from_f32).collect()),
         false => FlatSamples::F32(values.collect()),
     };
     // The colour, then the extra channels; the format wants them sorted by name.
     let mut list = ::exr::prelude::SmallVec::new();
     for (k, name) in ["R", "G", "B"].into_iter().enumerate() {
-        list.push(AnyChannel::new(name, samples(&mut image.pixels().iter().map(|c| c[k]))));
+        list.push(AnyChannel::new(name, samples(&mut image.pixels().iter().map(|c| c[k]), half)));
     }
     for channel in image.channels() {
-        list.push(AnyChannel::new(text(&channel.name), samples(&mut channel.data.iter().copied())));
+        // Values that are not colours may be too large for 16 bits.
+        let half = half && channel.data.iter().all(|v| v.abs() <= f16::MAX.to_f32() || !v.is_finite());
+        list.push(AnyChannel::new(text(&channel.name), samples(&mut channel.data.iter().copied(), half)));
     }
     let mut attributes = LayerAttributes::default();
     for (key, value) in &image.metadata {

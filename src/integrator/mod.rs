@@ -8,7 +8,7 @@ pub mod vcm;
 
 pub use direct::Direct;
 pub use path::Path;
-pub use photonmapper::{PhotonMapper, PhotonMapperSettings};
+pub use photonmapper::{Layer, LayerView, PhotonMapper, PhotonMapperSettings};
 pub use sppm::{Sppm, SppmSettings};
 pub use vcm::VcmSettings;
 

@@ -3,6 +3,7 @@
 mod checkpoint;
 mod doubt;
 mod forecast;
+mod layers;
 mod leave_out;
 mod pass;
 mod plan;
@@ -61,7 +62,7 @@ impl Control<'_> {
 
 /// A finished render.
 pub struct Rendering {
-    /// With the layers of [`Doubt::add_layers`] where the plan tracks the error.
+    /// With the layers that the plan asks for, and those of [`Doubt::add_layers`] where it tracks the error.
     pub image: Image,
     pub summary: Summary,
 }
@@ -98,6 +99,9 @@ pub fn render_from(mut session: Session, control: &Control, after_pass: &mut dyn
     session.summary.estimated_relmse = session.estimated_relmse();
     control.progress.advance(1.0, session.passes());
     let mut image = session.image();
+    if let Some(layers) = &session.layers {
+        layers.add_to(&mut image);
+    }
     if let Some(doubt) = session.doubt() {
         doubt.add_layers(&mut image);
     }

@@ -30,13 +30,9 @@ pub fn render_pass<I: Integrator>(
             let mut tile = film.tile(index);
             let mut counters = Counters::default();
             for (x, y) in tile.pixels() {
-                let pixel_key = key.with(((y as u64) << 32) | x as u64);
+                let pixel_key = pixel_key(key, (x, y));
                 for index in samples.clone() {
-                    let mut sampler = Sampler::new(scene.sampler.sequence, pixel_key, index);
-                    // Place the sample on the film and the lens.
-                    let film_pos = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-                    let camera_ray = scene.camera.generate_ray(film_pos, sampler.next_2d());
-                    let sample = CameraSample { camera_ray, pixel: (x, y) };
+                    let (film_pos, sample, mut sampler) = camera_sample(scene, pixel_key, (x, y), index);
                     let radiance = integrator.li(scene, &sample, &mut sampler, &mut counters);
                     counters.samples += 1;
                     // Drop what is not a number, and say so.
@@ -61,4 +57,24 @@ pub fn render_pass<I: Integrator>(
         counters += c;
     }
     counters
+}
+
+/// The key of a pixel's samples.
+#[inline]
+pub(super) fn pixel_key(key: Key, (x, y): (u32, u32)) -> Key {
+    key.with(((y as u64) << 32) | x as u64)
+}
+
+/// Places sample `index` of a pixel on the film and the lens; the rest of its random numbers follows.
+#[inline]
+pub(super) fn camera_sample(
+    scene: &Scene,
+    pixel_key: Key,
+    (x, y): (u32, u32),
+    index: u64,
+) -> (Vec2, CameraSample, Sampler) {
+    let mut sampler = Sampler::new(scene.sampler.sequence, pixel_key, index);
+    let film_pos = Vec2::new(x as f32, y as f32) + sampler.next_2d();
+    let camera_ray = scene.camera.generate_ray(film_pos, sampler.next_2d());
+    (film_pos, CameraSample { camera_ray, pixel: (x, y) }, sampler)
 }

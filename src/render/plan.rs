@@ -4,7 +4,7 @@ use std::sync::Arc;
 use crate::gather::LookupSettings;
 use crate::gather::cache::CacheSettings;
 use crate::integrator::vcm::Merging;
-use crate::integrator::{Direct, MaxDepth, Path, PhotonMapperSettings, SppmSettings, VcmSettings};
+use crate::integrator::{Direct, Layer, MaxDepth, Path, PhotonMapperSettings, SppmSettings, VcmSettings};
 use crate::photon::MapFile;
 use crate::scene::{IntegratorSettings, NeedOverride, Needs, Scene};
 
@@ -61,6 +61,8 @@ pub struct PlanOverrides {
     pub track_bias: bool,
     /// As [`Plan::target_error`].
     pub target_error: Option<f64>,
+    /// As [`Plan::layers`].
+    pub layers: Vec<Layer>,
     /// What to make, or to leave out, whatever the scene needs.
     pub needs: Vec<NeedOverride>,
 }
@@ -78,6 +80,13 @@ pub enum PlanError {
     PassRange { found: Range<u64>, passes: u64 },
     #[error("passes that share statistics depend on those before them: --pass-range must begin with 0")]
     DependentPasses,
+    #[error("the layer {layer} shows photon maps, and {integrator} keeps none: use --integrator photonmapper")]
+    NoLayers { layer: &'static str, integrator: &'static str },
+    #[error(
+        "the layer cache shows an irradiance cache, and this render has none: give the scene's photonmapper \
+         irradiance_cache = true (with final_gather)"
+    )]
+    NoCache,
 }
 
 fn hint(found: &str) -> String {
@@ -112,6 +121,8 @@ pub struct Plan {
     pub track_bias: bool,
     /// The render ends when its own estimate of relMSE is below this.
     pub target_error: Option<f64>,
+    /// What to show of the photon maps beside the picture.
+    pub layers: Vec<Layer>,
 }
 
 impl Plan {
@@ -173,11 +184,26 @@ impl Plan {
             track_error: o.track_error || o.track_bias || o.target_error.is_some(),
             track_bias: o.track_bias,
             target_error: o.target_error,
+            layers: o.layers.clone(),
         };
+        plan.check_layers()?;
         if plan.passes.start > 0 && !plan.independent() {
             return Err(PlanError::DependentPasses);
         }
         Ok(plan)
+    }
+
+    /// Refuses layers that the method has nothing to show in.
+    fn check_layers(&self) -> Result<(), PlanError> {
+        let Some(first) = self.layers.first() else { return Ok(()) };
+        let Method::PhotonMapper(settings) = self.method else {
+            return Err(PlanError::NoLayers { layer: first.name(), integrator: self.method.name() });
+        };
+        let cached = settings.final_gather && settings.irradiance_cache.is_some();
+        if self.layers.contains(&Layer::Cache) && !cached {
+            return Err(PlanError::NoCache);
+        }
+        Ok(())
     }
 
     /// Whether what a pass adds does not depend on the passes before it.

@@ -1,4 +1,5 @@
-use super::{ClampSummary, Control, Method, Plan, Summary, doubt::Doubt, progressive::Progressive, render_pass};
+use super::{ClampSummary, Control, Method, Plan, Summary, render_pass};
+use super::{doubt::Doubt, layers::LayerFilms, progressive::Progressive};
 use crate::color::Rgb;
 use crate::film::Film;
 use crate::gather::PhotonMaps;
@@ -21,6 +22,8 @@ pub struct Session<'s> {
     pub(super) film: Film,
     /// What the passes say about their own noise; only where it was asked for.
     pub(super) doubt: Option<Doubt>,
+    /// What is to be seen beside the picture; not kept in checkpoints.
+    pub(super) layers: Option<LayerFilms>,
     /// The number of the next pass.
     pub(super) next: u64,
     /// What progressive photon mapping keeps; made by its first step.
@@ -37,6 +40,7 @@ impl<'s> Session<'s> {
         Self {
             scene,
             doubt: plan.track_error.then(|| Doubt::new(&film, plan.track_bias)),
+            layers: (!plan.layers.is_empty()).then(|| LayerFilms::new(&film, &plan.layers)),
             film,
             next: plan.passes.start,
             progressive: None,
@@ -93,6 +97,11 @@ impl<'s> Session<'s> {
                 let range = samples.clone();
                 let mut counters =
                     self.summary.time("render", || render_pass(scene, &recipe, &mut film, seed, range, &report));
+                // See the same samples once more for the layers.
+                if let Some(layers) = &mut self.layers {
+                    let range = samples.clone();
+                    counters += self.summary.time("render layers", || layers.add_pass(scene, recipe, seed, range));
+                }
                 // See the same samples with narrower estimates from the same photons.
                 if self.plan.track_bias {
                     let other = poorer.insert(Film::new(film.window(), film.filter()).with_clamp(self.plan.clamp));

@@ -142,6 +142,16 @@ impl IrradianceCache {
         });
     }
 
+    /// Whether a record of this side of the surface lies within `distance` of `p`, and within its own reach.
+    pub fn has_record_near(&self, p: Vec3, n: Vec3, distance: f32) -> bool {
+        let mut near = false;
+        self.octree.visit(p, |i| {
+            let record = &self.records[i as usize];
+            near |= record.p.distance_squared(p) < distance * distance && record.n.dot(n) > 0.0;
+        });
+        near
+    }
+
     /// Irradiance (W·m⁻²) at `p` on the side of the unit normal `n`, if some record is good for it: the mean of what the
     /// records say [Ward and Heckbert 1992, eq. 7], weighted by `1/error − 1/reach`, which fades in from 0.
     #[inline]

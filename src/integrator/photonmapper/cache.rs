@@ -139,7 +139,7 @@ fn grid(width: u32, height: u32, spacing: u32) -> impl Iterator<Item = (u32, u32
 }
 
 /// Width of a pixel at a distance along a ray, scene units.
-fn pixel_width(footprint: &Footprint, length: f32) -> f32 {
+pub(super) fn pixel_width(footprint: &Footprint, length: f32) -> f32 {
     let x = footprint.origin_dx + footprint.dir_dx * length;
     let y = footprint.origin_dy + footprint.dir_dy * length;
     x.length().min(y.length())

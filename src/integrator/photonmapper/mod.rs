@@ -12,6 +12,9 @@
 
 mod cache;
 mod gather;
+mod layers;
+
+pub use layers::{Layer, LayerView};
 
 use super::{CameraSample, Integrator, MaxDepth, roulette, specular_bounce};
 use crate::bsdf::{Bsdf, LobeMask};
@@ -87,13 +90,67 @@ pub struct PhotonMapper<'a> {
     pub cache: Option<&'a IrradianceCache>,
 }
 
+/// What a camera path comes upon.
+trait Sights {
+    /// Radiance that a light, or the environment, sends along the path, weighted for the film.
+    fn light(&mut self, radiance: Rgb);
+
+    /// A surface with lobes that photons estimate, at the end of `length` scene units of path; paths of at most `edges`
+    /// edges may go on from there, and what leaves it counts `beta` times.
+    fn wide(&mut self, at: &Sight, sampler: &mut Sampler, counters: &mut Counters);
+}
+
+/// See [`Sights::wide`].
+struct Sight<'a> {
+    si: &'a SurfaceInteraction,
+    bsdf: &'a Bsdf,
+    beta: Rgb,
+    edges: u32,
+    length: f32,
+}
+
+/// The radiance of a camera path.
+struct Picture<'a> {
+    mapper: &'a PhotonMapper<'a>,
+    scene: &'a Scene,
+    radiance: Rgb,
+}
+
+impl Sights for Picture<'_> {
+    #[inline]
+    fn light(&mut self, radiance: Rgb) {
+        self.radiance += radiance;
+    }
+
+    #[inline]
+    fn wide(&mut self, at: &Sight, sampler: &mut Sampler, counters: &mut Counters) {
+        self.radiance += at.beta * self.mapper.wide_lobes(self.scene, at.si, at.bsdf, at.edges, sampler, counters);
+    }
+}
+
 impl Integrator for PhotonMapper<'_> {
     fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
-        let mut radiance = Rgb::BLACK;
+        let mut picture = Picture { mapper: self, scene, radiance: Rgb::BLACK };
+        self.follow(scene, sample, &mut picture, sampler, counters);
+        picture.radiance
+    }
+}
+
+impl PhotonMapper<'_> {
+    /// Follows a camera path through specular and sharp glossy surfaces and shows what it comes upon.
+    #[inline(always)]
+    fn follow(
+        &self,
+        scene: &Scene,
+        sample: &CameraSample,
+        sights: &mut impl Sights,
+        sampler: &mut Sampler,
+        counters: &mut Counters,
+    ) {
         let camera_ray = &sample.camera_ray;
         let mut beta = Rgb::splat(camera_ray.weight);
         let mut ray = camera_ray.ray;
-        let mut eta = 1.0f32;
+        let (mut eta, mut length) = (1.0f32, 0.0f32);
         let mut depth = 0u32;
         let max_depth = self.settings.max_depth.unwrap_or(u32::MAX);
         let mut hide = self.settings.hide_emitters;
@@ -101,17 +158,18 @@ impl Integrator for PhotonMapper<'_> {
             counters.camera_rays += 1;
             let Some(hit) = scene.hit(&ray) else {
                 if !hide {
-                    radiance += beta * scene.environment_radiance(ray.d);
+                    sights.light(beta * scene.environment_radiance(ray.d));
                 }
                 break;
             };
             let si = scene.interaction(&ray, &hit);
+            length += si.t;
             if scene.is_emitter(&si) {
                 if hide {
                     ray.o = si.spawn_origin(ray.d);
                     continue;
                 }
-                radiance += beta * scene.emitted(&si, si.wo);
+                sights.light(beta * scene.emitted(&si, si.wo));
             }
             hide = false;
             depth += 1;
@@ -121,7 +179,8 @@ impl Integrator for PhotonMapper<'_> {
             // Estimate everything that leaves through the diffuse and wide glossy lobes here.
             let bsdf = scene.bsdf(&si);
             if bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
-                radiance += beta * self.wide_lobes(scene, &si, &bsdf, max_depth - depth, sampler, counters);
+                let sight = Sight { si: &si, bsdf: &bsdf, beta, edges: max_depth - depth, length };
+                sights.wide(&sight, sampler, counters);
             }
             // Follow the specular and sharp glossy ones.
             if !bsdf.lobes().intersects(LobeMask::SPECULAR) {
@@ -135,7 +194,6 @@ impl Integrator for PhotonMapper<'_> {
                 break;
             }
         }
-        radiance
     }
 }
 
@@ -154,22 +212,8 @@ impl PhotonMapper<'_> {
         // Gathered light that the cache knows leaves direct light to the shadow rays.
         let cached = if gathers { self.cached(si, bsdf, counters) } else { None };
         let gathers = gathers && cached.is_none();
-        let shadow_rays = self.settings.direct_samples.max(1);
         let gather_rays = if gathers { self.settings.final_gather_samples.max(1) } else { 0 };
-        // Direct light, shared between shadow rays and those gather rays that meet a light. Where none are traced, narrow
-        // lobes send rays of their own: light sampling alone hardly finds them.
-        let narrow = !gathers && bsdf.lobes().intersects(LobeMask::GLOSSY);
-        let share = if narrow { 1.0 } else { gather_rays as f32 / shadow_rays as f32 };
-        let direct: Rgb = sampler
-            .split(shadow_rays)
-            .map(|mut s| sample_direct(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, &mut s, counters))
-            .sum();
-        let mut sum = direct / shadow_rays as f32;
-        if narrow {
-            let met: Rgb =
-                sampler.split(shadow_rays).map(|mut s| self.light_ray(scene, si, bsdf, &mut s, counters)).sum();
-            sum += met / shadow_rays as f32;
-        }
+        let (mut sum, share) = self.direct(scene, si, bsdf, gather_rays, sampler, counters);
         // Caustics from their map.
         sum += self.maps.caustic_radiance(si, bsdf, counters);
         // Indirect light by gathering over the global map, or from the map of indirect photons itself.
@@ -185,6 +229,35 @@ impl PhotonMapper<'_> {
             sum += self.maps.global_radiance(si, bsdf, counters).radiance;
         }
         sum
+    }
+
+    /// Direct light that leaves `si`, shared between shadow rays and those of `gather_rays` gather rays that meet a light;
+    /// and how many of those there are for each shadow ray. Where none are traced, narrow lobes send rays of their own:
+    /// light sampling alone hardly finds them.
+    #[inline]
+    fn direct(
+        &self,
+        scene: &Scene,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        gather_rays: u32,
+        sampler: &mut Sampler,
+        counters: &mut Counters,
+    ) -> (Rgb, f32) {
+        let shadow_rays = self.settings.direct_samples.max(1);
+        let narrow = gather_rays == 0 && bsdf.lobes().intersects(LobeMask::GLOSSY);
+        let share = if narrow { 1.0 } else { gather_rays as f32 / shadow_rays as f32 };
+        let direct: Rgb = sampler
+            .split(shadow_rays)
+            .map(|mut s| sample_direct(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, &mut s, counters))
+            .sum();
+        let mut sum = direct / shadow_rays as f32;
+        if narrow {
+            let met: Rgb =
+                sampler.split(shadow_rays).map(|mut s| self.light_ray(scene, si, bsdf, &mut s, counters)).sum();
+            sum += met / shadow_rays as f32;
+        }
+        (sum, share)
     }
 
     /// Gathered radiance that leaves a diffuse point, if the cache has records for it.
