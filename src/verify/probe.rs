@@ -160,10 +160,13 @@ impl Probe {
     }
 
     /// Samples of a pixel and photons of a map. Progressive photon mapping shoots its photons anew for each sample, and
-    /// counts the paths rather than what they store.
+    /// counts the paths rather than what they store; most paths of a light tracer miss the view.
     fn effort(&self, method: &str) -> (u64, u64) {
-        let progressive = matches!(method, "ppm" | "sppm") && self.photons > 500;
-        if progressive { ((self.spp / 16).clamp(2, 4), self.photons / 4) } else { (self.spp, self.photons) }
+        match method {
+            "ppm" | "sppm" if self.photons > 500 => ((self.spp / 16).clamp(2, 4), self.photons / 4),
+            "ptracer" => (8 * self.spp, self.photons),
+            _ => (self.spp, self.photons),
+        }
     }
 
     fn renders(&self, scene: &Scene, method: &str, seeds: std::ops::RangeInclusive<u64>) -> Vec<Run> {

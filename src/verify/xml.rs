@@ -18,9 +18,18 @@ pub fn depth(max_depth: i64) -> String {
 
 /// A photon mapper with parameters, each `(kind, name, value)`.
 pub fn photon_mapper(params: &[(&str, &str, String)]) -> String {
+    integrator("photonmapper", params)
+}
+
+/// Progressive photon mapping with parameters.
+pub fn progressive(params: &[(&str, &str, String)]) -> String {
+    integrator("sppm", params)
+}
+
+fn integrator(name: &str, params: &[(&str, &str, String)]) -> String {
     let params: String =
         params.iter().map(|(kind, name, value)| format!(r#"<{kind} name="{name}" value="{value}"/>"#)).collect();
-    format!(r#"<integrator type="photonmapper">{params}</integrator>"#)
+    format!(r#"<integrator type="{name}">{params}</integrator>"#)
 }
 
 pub type V3 = [f64; 3];

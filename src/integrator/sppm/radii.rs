@@ -117,15 +117,27 @@ fn pixel_radii(
         return PixelRadii { first_sq: [r * r; KINDS], floor_sq };
     }
     // A footprint may be tiny or, far out, huge; neither may the radius be.
-    let most = (settings.clamp.1 * footprint).min(MAX_RADIUS * scene_radius);
+    let limit = MAX_RADIUS * scene_radius;
+    let most = (settings.clamp.1 * footprint).min(limit);
     let least = (settings.clamp.0 * footprint).min(most);
     let (most_sq, least_sq) = (most * most, least * least);
     let first_sq = std::array::from_fn(|kind| {
-        let map = pilot.kind(kind);
-        map.map_or(most_sq, |m| m.nearest_radius_sq(si, settings.lookup_size as usize, most_sq).max(least_sq))
+        let Some(map) = pilot.kind(kind) else { return most_sq };
+        let wanted = map.nearest_radius_sq(si, settings.lookup_size as usize, most_sq).max(least_sq);
+        // Indirect light is smooth: rather blur it over some pixels than see no photon for many passes. Caustics are not.
+        if wanted < most_sq || kind == CAUSTIC {
+            return wanted;
+        }
+        map.nearest_radius_sq(si, (settings.lookup_size / FEW).max(1) as usize, limit * limit).max(wanted)
     });
     PixelRadii { first_sq, floor_sq }
 }
+
+/// The kind of photons that have come through specular surfaces alone.
+const CAUSTIC: usize = 0;
+
+/// A radius above the largest of `clamp` holds `lookup_size` photons over this.
+const FEW: u32 = 4;
 
 /// Largest radius as a share of that of the scene's bounding sphere.
 const MAX_RADIUS: f32 = 0.1;

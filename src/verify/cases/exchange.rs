@@ -166,8 +166,8 @@ fn discs() -> Vec<Item> {
         let f21 = ratio * ratio;
         let truth = rho * f21 / (1.0 - rho * (1.0 - f21));
         Probe::new(format!("spheres, R₁/R₂ = {ratio}, ρ = {rho}"), xml, truth, Light::DIRECT | Light::INDIRECT)
-            .spp(32)
-            .photons(5_000)
+            .spp(64)
+            .photons(20_000)
     };
     vec![
         Probe::new("coaxial, r = h", coaxial, truth, Light::DIRECT).spp(64).photons(200).relative(0.005).fast().into(),

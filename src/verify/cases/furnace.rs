@@ -160,21 +160,27 @@ fn integrating() -> Vec<Item> {
     let cos = -(to[0] * seen[0] + to[1] * seen[1] + to[2] * seen[2]) / d_sq.sqrt();
     let direct = cos / d_sq;
     let indirect = rho / (1.0 - rho);
-    let xml = scene(&[
-        depth(-1),
-        camera([-0.3, 0.0, -0.4], seen, 0.5, (2, 2)),
-        hollow([0.0; 3], 1.0, &diffuse(rho)),
-        point_light(at, PI),
-    ]);
-    items.push(
-        Probe::new(format!("ρ = {rho}, light off centre"), xml, rho * (direct + indirect), light)
-            .except(&["ptracer"]) // the view is too small to be hit
+    // So small a view meets few photons of a pass within the radius that its pixels would choose.
+    let wide = progressive(&[("float", "initial_radius", "0.25".into())]);
+    let progressive_only: &[&str] = &["ppm", "sppm"];
+    for (name, integrator) in [("", depth(-1)), (", r = 0.25", wide)] {
+        let xml = scene(&[
+            integrator,
+            camera([-0.3, 0.0, -0.4], seen, 0.5, (2, 2)),
+            hollow([0.0; 3], 1.0, &diffuse(rho)),
+            point_light(at, PI),
+        ]);
+        let probe = Probe::new(format!("ρ = {rho}, light off centre{name}"), xml, rho * (direct + indirect), light)
             .spp(256)
             .photons(10_000)
             .relative(0.02)
-            .fast()
-            .into(),
-    );
+            .fast();
+        items.push(match name {
+            // The view is also too small to be hit.
+            "" => probe.except(&["ptracer", "ppm", "sppm"]).into(),
+            _ => probe.only(progressive_only).into(),
+        });
+    }
     // A port of 10 % of the wall.
     for (rho, f) in [(0.9, 0.1), (0.9, 0.01)] {
         // The cap of share f reaches down to z = 1 − 2f.
