@@ -232,8 +232,8 @@ fn serialized(bodies: &[Vec<u8>]) -> Vec<u8> {
         dictionary.extend_from_slice(&(out.len() as u64).to_le_bytes());
         out.extend_from_slice(&[0x1c, 0x04, 4, 0]);
         let mut zlib = ZlibEncoder::new(&mut out, Compression::fast());
-        zlib.write_all(body).unwrap();
-        zlib.finish().unwrap();
+        zlib.write_all(body).expect("memory takes all that is written");
+        zlib.finish().expect("memory takes all that is written");
     }
     out.extend_from_slice(&dictionary);
     out.extend_from_slice(&(bodies.len() as u32).to_le_bytes());
@@ -253,7 +253,7 @@ fn the_undamaged_files_are_good() {
         (4, parse_ply(&ply("binary_big_endian"), name(), false)),
         (2, parse_serialized(&serialized(&[serialized_body(false), serialized_body(true)]), name(), 1)),
     ] {
-        assert_eq!(result.unwrap().indices.len(), triangles);
+        assert_eq!(result.expect("the file is whole").indices.len(), triangles);
     }
 }
 
@@ -278,7 +278,7 @@ proptest! {
     fn damaged_ply_body(format in 0..3_usize, acts in prop::collection::vec(damage(), 1..4)) {
         // The header stays, so that the damage reaches the records.
         let mut bytes = ply(["ascii", "binary_little_endian", "binary_big_endian"][format]);
-        let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+        let end = bytes.windows(11).position(|w| w == b"end_header\n").expect("the file has a header") + 11;
         let mut body = bytes.split_off(end);
         acts.iter().for_each(|d| apply(&mut body, d));
         bytes.extend_from_slice(&body);

@@ -65,7 +65,7 @@ mod tests {
     #[test]
     fn equal_images_have_no_error() {
         let image = Image::from_fn(8, 4, |x, y| Rgb::new(x as f32, y as f32, 1.0));
-        let c = compare(&image, &image).unwrap();
+        let c = compare(&image, &image).expect("images of one size");
         assert_eq!((c.rmse.value, c.relmse.value, c.smape.value, c.max_difference), (0.0, 0.0, 0.0, 0.0));
         assert_eq!(c.mean_image, [3.5, 1.5, 1.0]);
         assert_eq!(c.mean_difference, Some(0.0));
@@ -76,12 +76,12 @@ mod tests {
         let black = Image::constant(2, 2, Rgb::BLACK);
         let mut lit = black.clone();
         lit.pixels_mut()[3] = Rgb::new(0.0, 2.0, 0.0);
-        let c = compare(&lit, &black).unwrap();
+        let c = compare(&lit, &black).expect("images of one size");
         assert_eq!((c.max_difference, c.max_at), (2.0, (1, 1)));
-        let json = serde_json::to_value(c).unwrap();
+        let json = serde_json::to_value(c).expect("plain structures");
         assert!(json["mrse"].is_null() && json["mean_difference"].is_null());
         assert_eq!(json["rmse"]["trimmed"]["pixels"], 0);
         // One channel of twelve differs by 2.
-        assert!((json["rmse"]["value"].as_f64().unwrap() - (4.0f64 / 12.0).sqrt()).abs() < 1e-12);
+        assert!((json["rmse"]["value"].as_f64().expect("a number") - (4.0f64 / 12.0).sqrt()).abs() < 1e-12);
     }
 }

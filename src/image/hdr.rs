@@ -290,7 +290,7 @@ mod tests {
     fn the_old_repeat_code_is_read() {
         let mut file = b"#?RGBE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 260\n".to_vec();
         file.extend([128, 128, 128, 129, 1, 1, 1, 3, 1, 1, 1, 1]); // 1 + 3 + 256 pixels
-        let image = decode(&file, &Limits::DEFAULT).unwrap();
+        let image = decode(&file, &Limits::DEFAULT).expect("a well-formed file");
         assert!(image.pixels().iter().all(|&p| p == Rgb::WHITE));
     }
 
@@ -298,7 +298,7 @@ mod tests {
     fn mirrored_rows_are_turned_back() {
         let mut file = b"#?RGBE\n\n+Y 2 -X 2\n".to_vec();
         file.extend([1u8, 2, 3, 4].iter().flat_map(|&v| [v * 10, 0, 0, 136]));
-        let image = decode(&file, &Limits::DEFAULT).unwrap();
+        let image = decode(&file, &Limits::DEFAULT).expect("a well-formed file");
         let red: Vec<f32> = image.pixels().iter().map(|p| p.r).collect();
         assert_eq!(red, [40.0, 30.0, 20.0, 10.0]);
     }

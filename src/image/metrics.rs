@@ -189,11 +189,14 @@ mod tests {
     #[test]
     fn hand_computed_values() {
         let (x, r) = (grey(&[1.0, 3.0]), grey(&[2.0, 1.0]));
-        close(rmse(&x, &r).unwrap().value, 2.5f64.sqrt());
-        close(relmse(&x, &r).unwrap().value, 0.5 * (1.0 / 4.0001 + 4.0 / 1.0001));
-        close(mrse(&x, &r).unwrap().unwrap().value, 0.5 * (1.0 / 2.015f64.powi(2) + 4.0 / 1.015f64.powi(2)));
-        close(smape(&x, &r).unwrap().value, 0.5 * (1.0 / 3.015 + 2.0 / 4.015));
-        close(mean(&x).unwrap(), 2.0);
+        close(rmse(&x, &r).expect("images of one size").value, 2.5f64.sqrt());
+        close(relmse(&x, &r).expect("images of one size").value, 0.5 * (1.0 / 4.0001 + 4.0 / 1.0001));
+        close(
+            mrse(&x, &r).expect("images of one size").expect("a reference with light").value,
+            0.5 * (1.0 / 2.015f64.powi(2) + 4.0 / 1.015f64.powi(2)),
+        );
+        close(smape(&x, &r).expect("images of one size").value, 0.5 * (1.0 / 3.015 + 2.0 / 4.015));
+        close(mean(&x).expect("finite pixels"), 2.0);
     }
 
     /// One channel of one pixel differs by 3: the mean runs over channels too, so MSE = 9 / 3.
@@ -201,8 +204,8 @@ mod tests {
     fn channels_count_alike() {
         let x = Image::rgb(1, 1, vec![Rgb::new(4.0, 1.0, 1.0)]);
         let r = Image::rgb(1, 1, vec![Rgb::splat(1.0)]);
-        close(rmse(&x, &r).unwrap().value, 3f64.sqrt());
-        assert_eq!(mean_rgb(&x).unwrap(), [4.0, 1.0, 1.0]);
+        close(rmse(&x, &r).expect("images of one size").value, 3f64.sqrt());
+        assert_eq!(mean_rgb(&x).expect("finite pixels"), [4.0, 1.0, 1.0]);
     }
 
     /// 2000 pixels with error 1, two of them with error 100: trimming leaves out exactly those two.
@@ -211,7 +214,7 @@ mod tests {
         let mut values = vec![2.0f32; 2000];
         values[17] = 101.0;
         values[1200] = 101.0;
-        let m = rmse(&grey(&values), &grey(&vec![1.0; 2000])).unwrap();
+        let m = rmse(&grey(&values), &grey(&vec![1.0; 2000])).expect("images of one size");
         close(m.value, ((1998.0 + 2.0 * 10_000.0) / 2000.0f64).sqrt());
         close(m.trimmed.value, 1.0);
         assert_eq!(m.trimmed.pixels, 2);
@@ -223,18 +226,24 @@ mod tests {
         let (x, r) = (grey(&[0.25, 3.0, 0.0, 1.0]), grey(&[0.5, 1.0, 0.125, 0.0]));
         let scaled = |i: &Image| grey(&i.pixels().iter().map(|p| p.r * 1024.0).collect::<Vec<_>>());
         let (xs, rs) = (scaled(&x), scaled(&r));
-        close(mrse(&xs, &rs).unwrap().unwrap().value, mrse(&x, &r).unwrap().unwrap().value);
-        close(smape(&xs, &rs).unwrap().value, smape(&x, &r).unwrap().value);
+        close(
+            mrse(&xs, &rs).expect("images of one size").expect("a reference with light").value,
+            mrse(&x, &r).expect("images of one size").expect("a reference with light").value,
+        );
+        close(smape(&xs, &rs).expect("images of one size").value, smape(&x, &r).expect("images of one size").value);
     }
 
     #[test]
     fn black_references_have_defined_values() {
         let (black, lit) = (grey(&[0.0, 0.0]), grey(&[1.0, 0.0]));
-        assert_eq!(mrse(&black, &black).unwrap().unwrap().value, 0.0);
-        assert_eq!(mrse(&lit, &black).unwrap(), None);
-        close(relmse(&lit, &black).unwrap().value, 0.5 / 1e-4);
-        close(smape(&lit, &black).unwrap().value, 0.5);
-        assert_eq!(rmse(&black, &black).unwrap().trimmed.energy, 0.0);
+        assert_eq!(
+            mrse(&black, &black).expect("images of one size").expect("no error, so no division by zero").value,
+            0.0
+        );
+        assert_eq!(mrse(&lit, &black).expect("images of one size"), None);
+        close(relmse(&lit, &black).expect("images of one size").value, 0.5 / 1e-4);
+        close(smape(&lit, &black).expect("images of one size").value, 0.5);
+        assert_eq!(rmse(&black, &black).expect("images of one size").trimmed.energy, 0.0);
     }
 
     #[test]

@@ -15,9 +15,9 @@ fn sample() -> Image {
 }
 
 fn round_trip(format: Format, image: &Image, options: &WriteOptions) -> Image {
-    let bytes = encode(image, format, options, Path::new("test")).unwrap();
+    let bytes = encode(image, format, options, Path::new("test")).expect("a storable picture");
     assert_eq!(Format::from_bytes(&bytes), Some(format));
-    decode(&bytes, format, &ReadOptions::default(), Path::new("test")).unwrap()
+    decode(&bytes, format, &ReadOptions::default(), Path::new("test")).expect("a file of this format")
 }
 
 fn refusal(bytes: &[u8], format: Format) -> ImageError {
@@ -52,7 +52,7 @@ fn non_finite_values_survive_in_exr() {
 fn the_same_image_is_the_same_file() {
     let image = sample();
     for format in [Format::Exr, Format::Png, Format::Hdr, Format::Pfm] {
-        let once = || encode(&image, format, &WriteOptions::default(), Path::new("x")).unwrap();
+        let once = || encode(&image, format, &WriteOptions::default(), Path::new("x")).expect("a storable picture");
         assert_eq!(once(), once(), "{format:?}");
     }
 }
@@ -75,9 +75,9 @@ fn hdr_comes_back_within_half_a_step() {
 fn png_is_srgb_with_exposure() {
     let image = Image::from_fn(64, 64, |_, _| Rgb::splat(0.107_020_57));
     let options = WriteOptions { exposure: 1.0, ..Default::default() };
-    let bytes = encode(&image, Format::Png, &options, Path::new("x.png")).unwrap();
+    let bytes = encode(&image, Format::Png, &options, Path::new("x.png")).expect("a storable picture");
     let raw = ReadOptions { raw: true, ..Default::default() };
-    let back = decode(&bytes, Format::Png, &raw, Path::new("x.png")).unwrap();
+    let back = decode(&bytes, Format::Png, &raw, Path::new("x.png")).expect("a file of this format");
     let steps: Vec<f32> = back.pixels().iter().map(|p| p.r * 255.0).collect();
     assert!(steps.iter().all(|s| (126.9..128.1).contains(s)));
     // Dithering by a fixed hash: half of 4096 pixels go up, standard error 0.5/√4096 = 0.0078; five of them allowed.
@@ -85,8 +85,8 @@ fn png_is_srgb_with_exposure() {
     assert!((mean - 127.5).abs() < 0.04, "mean step {mean}");
 
     let ramp = Image::from_fn(256, 1, |x, _| Rgb::splat(crate::color::srgb_to_linear(x as f32 / 255.0)));
-    let bytes = encode(&ramp, Format::Png, &WriteOptions::default(), Path::new("x.png")).unwrap();
-    let back = decode(&bytes, Format::Png, &raw, Path::new("x.png")).unwrap();
+    let bytes = encode(&ramp, Format::Png, &WriteOptions::default(), Path::new("x.png")).expect("a storable picture");
+    let back = decode(&bytes, Format::Png, &raw, Path::new("x.png")).expect("a file of this format");
     for (x, p) in back.pixels().iter().enumerate() {
         assert_eq!((p.r * 255.0).round() as usize, x);
     }
@@ -113,15 +113,16 @@ fn texture_files_of_every_depth_are_read() {
     for image in &mut images {
         image.invert(); // all white; alpha stays 0
         let mut file = std::io::Cursor::new(Vec::new());
-        image.write_to(&mut file, ImageFormat::Png).unwrap();
-        let back = decode(file.get_ref(), Format::Png, &raw, Path::new("x")).unwrap();
+        image.write_to(&mut file, ImageFormat::Png).expect("memory takes all that is written");
+        let back = decode(file.get_ref(), Format::Png, &raw, Path::new("x")).expect("a file of this format");
         assert!(back.pixels().iter().all(|&p| p == Rgb::WHITE), "{:?}", image.color());
         assert_eq!(back.channel("A").is_some(), image.color().has_alpha());
     }
     let grey = ::image::GrayImage::from_pixel(16, 16, ::image::Luma([188]));
     let mut file = std::io::Cursor::new(Vec::new());
-    DynamicImage::from(grey).write_to(&mut file, ImageFormat::Jpeg).unwrap();
-    let back = decode(file.get_ref(), Format::Jpeg, &ReadOptions::default(), Path::new("x")).unwrap();
+    DynamicImage::from(grey).write_to(&mut file, ImageFormat::Jpeg).expect("memory takes all that is written");
+    let back =
+        decode(file.get_ref(), Format::Jpeg, &ReadOptions::default(), Path::new("x")).expect("a file of this format");
     // sRGB 188 is 0.50289 linear; JPEG may be one step off, which is 0.006 there.
     assert!(back.pixels().iter().all(|p| (p.r - 0.502_89).abs() < 0.007 && p.r == p.b));
 }
@@ -136,8 +137,12 @@ fn exr_channels_are_found_whatever_their_names() {
         let list = names.iter().enumerate().map(channel).collect();
         let layer = Layer::new((70, 50), LayerAttributes::default(), encoding, AnyChannels::sort(list));
         let mut out = std::io::Cursor::new(Vec::new());
-        ::exr::prelude::Image::from_layer(layer).write().to_buffered(&mut out).unwrap();
-        super::decode(out.get_ref(), Format::Exr, &ReadOptions::default(), Path::new("x")).unwrap()
+        ::exr::prelude::Image::from_layer(layer)
+            .write()
+            .to_buffered(&mut out)
+            .expect("memory takes all that is written");
+        super::decode(out.get_ref(), Format::Exr, &ReadOptions::default(), Path::new("x"))
+            .expect("a file of this format")
     };
     let cases: [(&[&str], [f32; 3], usize); 8] = [
         (&["R", "G", "B"], [1.0, 2.0, 3.0], 0),
@@ -170,8 +175,12 @@ fn parts_of_a_file_become_layers() {
     let layers = vec![layer("main", (4, 4), 1.0), layer("albedo", (4, 4), 0.5), layer("small", (2, 2), 0.1)];
     let attributes = ::exr::prelude::ImageAttributes::with_size((4, 4));
     let mut out = std::io::Cursor::new(Vec::new());
-    ::exr::prelude::Image::from_layers(attributes, layers).write().to_buffered(&mut out).unwrap();
-    let image = decode(out.get_ref(), Format::Exr, &ReadOptions::default(), Path::new("x")).unwrap();
+    ::exr::prelude::Image::from_layers(attributes, layers)
+        .write()
+        .to_buffered(&mut out)
+        .expect("memory takes all that is written");
+    let image =
+        decode(out.get_ref(), Format::Exr, &ReadOptions::default(), Path::new("x")).expect("a file of this format");
     assert_eq!(image.pixel(3, 3), Rgb::WHITE);
     assert_eq!(image.layer("albedo"), Some(vec![Rgb::splat(0.5); 16]));
     assert_eq!(image.layer("small"), None);
@@ -190,15 +199,15 @@ fn a_size_that_the_file_cannot_hold_is_refused() {
     assert_eq!(refusal(b"#?RADIANCE\n\n-Y 16000 +X 16000\n0123", Format::Hdr).kind, ImageErrorKind::TooLarge);
 
     let image = Image::constant(4, 4, Rgb::WHITE);
-    let mut png = encode(&image, Format::Png, &WriteOptions::default(), Path::new("x")).unwrap();
+    let mut png = encode(&image, Format::Png, &WriteOptions::default(), Path::new("x")).expect("a storable picture");
     png[16..24].copy_from_slice(&[0, 0, 0x3f, 0, 0, 0, 0x3f, 0]); // 16128 × 16128
     let crc = png_crc(&png[12..29]);
     png[29..33].copy_from_slice(&crc.to_be_bytes());
     assert_eq!(refusal(&png, Format::Png).kind, ImageErrorKind::TooLarge);
 
-    let mut exr = encode(&image, Format::Exr, &WriteOptions::default(), Path::new("x")).unwrap();
+    let mut exr = encode(&image, Format::Exr, &WriteOptions::default(), Path::new("x")).expect("a storable picture");
     let name = b"dataWindow\0box2i\0\x10\0\0\0";
-    let at = exr.windows(name.len()).position(|w| w == name).unwrap() + name.len();
+    let at = exr.windows(name.len()).position(|w| w == name).expect("the header names the attribute") + name.len();
     for (max, kind) in [(16_000i32, ImageErrorKind::TooLarge), (i32::MAX, ImageErrorKind::Malformed)] {
         exr[at + 8..at + 12].copy_from_slice(&max.to_le_bytes());
         exr[at + 12..at + 16].copy_from_slice(&max.to_le_bytes());
@@ -217,7 +226,7 @@ fn png_crc(bytes: &[u8]) -> u32 {
 fn damaged_files_say_what_is_wrong() {
     let image = sample();
     for format in [Format::Exr, Format::Png, Format::Hdr, Format::Pfm] {
-        let bytes = encode(&image, format, &WriteOptions::default(), Path::new("x")).unwrap();
+        let bytes = encode(&image, format, &WriteOptions::default(), Path::new("x")).expect("a storable picture");
         for len in [0, 3, 20, bytes.len() / 2, bytes.len() - 9] {
             let error = refusal(&bytes[..len], format);
             assert!(error.kind != ImageErrorKind::Io, "{format:?} cut to {len}: {error}");
@@ -232,13 +241,13 @@ fn damaged_files_say_what_is_wrong() {
 
 #[test]
 fn files_are_replaced_whole() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = tempfile::tempdir().expect("a temporary folder");
     let image = sample();
     for name in ["a.exr", "a.png", "a.hdr", "a.pfm", "A.EXR"] {
         let path = dir.path().join(name);
-        std::fs::write(&path, "old").unwrap();
-        write(&path, &image, &WriteOptions::default()).unwrap();
-        let back = read(&path).unwrap();
+        std::fs::write(&path, "old").expect("a temporary file");
+        write(&path, &image, &WriteOptions::default()).expect("the folder can be written to");
+        let back = read(&path).expect("the file that was just written");
         assert_eq!((back.width(), back.height()), (37, 21));
     }
     // Nothing temporary stays behind, also after failures.
@@ -248,12 +257,12 @@ fn files_are_replaced_whole() {
     assert_eq!(error.kind, ImageErrorKind::UnknownFormat);
     assert!(error.to_string().contains(".tiff"));
     assert!(write(dir.path().join("none/a.exr"), &image, &WriteOptions::default()).is_err());
-    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 5);
+    assert_eq!(std::fs::read_dir(dir.path()).expect("the folder is still there").count(), 5);
 
     let error = read(dir.path().join("missing.exr")).unwrap_err();
     assert!(error.kind == ImageErrorKind::Io && error.to_string().contains("missing.exr"));
     assert_eq!(read(dir.path()).unwrap_err().expected, "an image file");
     // The content decides, not the name.
-    std::fs::copy(dir.path().join("a.hdr"), dir.path().join("b.png")).unwrap();
-    assert_eq!(read(dir.path().join("b.png")).unwrap().width(), 37);
+    std::fs::copy(dir.path().join("a.hdr"), dir.path().join("b.png")).expect("a temporary file");
+    assert_eq!(read(dir.path().join("b.png")).expect("the file that was just written").width(), 37);
 }

@@ -95,7 +95,7 @@ fn a_checkerboard_light_has_a_grid() {
     let mut textures = Textures::default();
     let board = Checkerboard { color0: Rgb::splat(3.0).into(), color1: Rgb::BLACK.into(), ..Default::default() };
     let id = textures.add(Texture::Checkerboard(board));
-    let grid = textures.texel_grid(ColorParam::Texture(id)).unwrap();
+    let grid = textures.texel_grid(ColorParam::Texture(id)).expect("a checkerboard has a grid of texels");
     assert_eq!(grid.luminance.len(), 64 * 64);
     assert!((grid.luminance[0] - 3.0).abs() < 1e-5 && (grid.luminance[63] - 0.03).abs() < 1e-6);
 }

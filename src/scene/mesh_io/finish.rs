@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn normals_follow_mirrors_and_flips() {
-        let mirror = Transform::new(DMat4::from_scale(DVec3::new(-2.0, 1.0, 1.0))).unwrap();
+        let mirror = Transform::new(DMat4::from_scale(DVec3::new(-2.0, 1.0, 1.0))).expect("an invertible matrix");
         for (transform, flip, expected) in [
             (Transform::IDENTITY, false, Vec3::Z),
             (Transform::IDENTITY, true, Vec3::NEG_Z),
@@ -238,28 +238,28 @@ mod tests {
             for given in [None, Some(vec![Vec3::Z * 5.0; 3])] {
                 let data = MeshData { normals: given, ..triangle() };
                 let options = FinishOptions { flip_normals: flip, ..FinishOptions::default() };
-                let (mesh, _) = finish(data, &transform, options).unwrap();
+                let (mesh, _) = finish(data, &transform, options).expect("a mesh within the limits");
                 assert_eq!(geometric(&mesh), expected);
-                assert!(mesh.normals.unwrap().iter().all(|&n| n == expected));
+                assert!(mesh.normals.expect("the mesh keeps its normals").iter().all(|&n| n == expected));
             }
         }
     }
 
     #[test]
     fn normals_use_the_inverse_transpose() {
-        let squash = Transform::new(DMat4::from_scale(DVec3::new(1.0, 1.0, 0.5))).unwrap();
+        let squash = Transform::new(DMat4::from_scale(DVec3::new(1.0, 1.0, 0.5))).expect("an invertible matrix");
         let slope = Vec3::new(1.0, 0.0, 1.0);
         let data = MeshData { normals: Some(vec![slope; 3]), ..triangle() };
-        let (mesh, _) = finish(data, &squash, FinishOptions::default()).unwrap();
+        let (mesh, _) = finish(data, &squash, FinishOptions::default()).expect("a mesh within the limits");
         let expected = Vec3::new(1.0, 0.0, 2.0).normalize();
-        assert!(mesh.normals.unwrap().iter().all(|n| n.distance(expected) < 1e-6));
+        assert!(mesh.normals.expect("the mesh keeps its normals").iter().all(|n| n.distance(expected) < 1e-6));
     }
 
     #[test]
     fn face_normals_drop_vertex_normals() {
         let data = MeshData { normals: Some(vec![Vec3::X; 3]), ..triangle() };
         let options = FinishOptions { face_normals: true, ..FinishOptions::default() };
-        assert!(finish(data, &Transform::IDENTITY, options).unwrap().0.normals.is_none());
+        assert!(finish(data, &Transform::IDENTITY, options).expect("a mesh within the limits").0.normals.is_none());
     }
 
     #[test]
@@ -276,7 +276,8 @@ mod tests {
             }],
             ..triangle()
         };
-        let (mesh, report) = finish(data, &Transform::IDENTITY, FinishOptions::default()).unwrap();
+        let (mesh, report) =
+            finish(data, &Transform::IDENTITY, FinishOptions::default()).expect("a mesh within the limits");
         assert_eq!((report.dropped_zero_area, report.triangles), (3, 2));
         assert_eq!(mesh.attributes[0].data, [1.0, 4.0]);
         assert_eq!(mesh.indices, [[0, 1, 2], [0, 2, 3]]);
@@ -295,18 +296,19 @@ mod tests {
         let far = DVec3::splat(1e9);
         let p = |x, y| far + DVec3::new(x, y, 0.0);
         let data = MeshData { positions: Positions::F64(vec![p(0.25, 0.0), p(1.0, 0.0), p(0.0, 1.0)]), ..triangle() };
-        let back = Transform::new(DMat4::from_translation(-far)).unwrap();
-        assert_eq!(data.bounds(&back).unwrap(), (DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0)));
-        let (mesh, _) = finish(data, &back, FinishOptions::default()).unwrap();
+        let back = Transform::new(DMat4::from_translation(-far)).expect("an invertible matrix");
+        assert_eq!(data.bounds(&back).expect("the mesh has vertices"), (DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0)));
+        let (mesh, _) = finish(data, &back, FinishOptions::default()).expect("a mesh within the limits");
         assert_eq!(mesh.positions.as_slice()[0], Vec3::new(0.25, 0.0, 0.0));
     }
 
     #[test]
     fn repairs_missing_normals() {
         let data = MeshData { normals: Some(vec![Vec3::X, Vec3::ZERO, Vec3::NAN]), ..triangle() };
-        let (mesh, report) = finish(data, &Transform::IDENTITY, FinishOptions::default()).unwrap();
+        let (mesh, report) =
+            finish(data, &Transform::IDENTITY, FinishOptions::default()).expect("a mesh within the limits");
         assert_eq!(report.repaired_normals, 2);
-        assert_eq!(mesh.normals.unwrap(), [Vec3::X, Vec3::Z, Vec3::Z]);
+        assert_eq!(mesh.normals.expect("the mesh keeps its normals"), [Vec3::X, Vec3::Z, Vec3::Z]);
     }
 
     #[test]
@@ -317,7 +319,7 @@ mod tests {
         assert_eq!(kind(MeshData { indices: vec![[0, 1, 1]], ..triangle() }, one), MeshErrorKind::Empty);
         assert_eq!(kind(MeshData { indices: vec![[0, 1, 3]], ..triangle() }, one), MeshErrorKind::OutOfRange);
         assert_eq!(kind(MeshData { uvs: Some(vec![Vec2::ZERO]), ..triangle() }, one), MeshErrorKind::Malformed);
-        let huge = Transform::new(DMat4::from_scale(DVec3::splat(1e39))).unwrap();
+        let huge = Transform::new(DMat4::from_scale(DVec3::splat(1e39))).expect("an invertible matrix");
         assert_eq!(kind(triangle(), &huge), MeshErrorKind::NotFinite);
     }
 }

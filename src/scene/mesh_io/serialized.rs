@@ -292,8 +292,8 @@ mod tests {
         let mut out = MAGIC.to_le_bytes().to_vec();
         out.extend_from_slice(&version.to_le_bytes());
         let mut zlib = ZlibEncoder::new(out, Compression::best());
-        zlib.write_all(body).unwrap();
-        zlib.finish().unwrap()
+        zlib.write_all(body).expect("memory takes all that is written");
+        zlib.finish().expect("memory takes all that is written")
     }
 
     fn file(version: u16, meshes: &[Vec<u8>]) -> Vec<u8> {
@@ -320,7 +320,7 @@ mod tests {
             let meshes: Vec<_> = flags.iter().enumerate().map(|(i, &f)| sub_mesh(version, f, i as f64 + 0.1)).collect();
             let bytes = file(version, &meshes);
             for (i, &f) in flags.iter().enumerate() {
-                let data = parse(&bytes, i as u32).unwrap();
+                let data = parse(&bytes, i as u32).expect("a well-formed file");
                 assert_eq!(data.indices, [[0, 1, 2]]);
                 let z = data.positions.get(2).z;
                 let exact = if f & DOUBLE_PRECISION != 0 { i as f64 + 0.1 } else { f64::from(i as f32 + 0.1) };
@@ -336,7 +336,7 @@ mod tests {
 
     #[test]
     fn a_single_mesh_needs_no_dictionary() {
-        assert_eq!(parse(&sub_mesh(4, 0x1000, 0.0), 0).unwrap().indices.len(), 1);
+        assert_eq!(parse(&sub_mesh(4, 0x1000, 0.0), 0).expect("a well-formed file").indices.len(), 1);
     }
 
     #[test]

@@ -71,58 +71,67 @@ const P: [Vec3; 4] = [Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1.0, 0.0), Vec3::Y];
 fn groups_objects_and_materials_are_one_mesh() {
     let text =
         format!("mtllib no.mtl\no one\n{SQUARE}g a\nusemtl m\ns 1\nf 1 2 3\no two\nusemtl n\nf 1 3 4\nl 1 2 3\np 1\n");
-    assert_eq!(corners(&parse(&text).unwrap()), [[P[0], P[1], P[2]], [P[0], P[2], P[3]]]);
+    assert_eq!(corners(&parse(&text).expect("a well-formed file")), [[P[0], P[1], P[2]], [P[0], P[2], P[3]]]);
 }
 
 #[test]
 fn polygons_become_fans() {
     let text = format!("{SQUARE}v 0 0.5 0\nf 1 2 3 4 5\n");
     let q = Vec3::new(0.0, 0.5, 0.0);
-    assert_eq!(corners(&parse(&text).unwrap()), [[P[0], P[1], P[2]], [P[0], P[2], P[3]], [P[0], P[3], q]]);
+    assert_eq!(
+        corners(&parse(&text).expect("a well-formed file")),
+        [[P[0], P[1], P[2]], [P[0], P[2], P[3]], [P[0], P[3], q]]
+    );
 }
 
 #[test]
 fn negative_indices_count_back() {
     let text = format!("{SQUARE}f -4 -3 -2\nv 0 0 1\nf -1 1 2\n");
-    assert_eq!(corners(&parse(&text).unwrap()), [[P[0], P[1], P[2]], [Vec3::Z, P[0], P[1]]]);
+    assert_eq!(corners(&parse(&text).expect("a well-formed file")), [[P[0], P[1], P[2]], [Vec3::Z, P[0], P[1]]]);
 }
 
 #[test]
 fn faces_with_few_corners_are_skipped_and_counted() {
-    let data = parse(&format!("{SQUARE}f 1 2\nf\nf 1 2 3\n")).unwrap();
+    let data = parse(&format!("{SQUARE}f 1 2\nf\nf 1 2 3\n")).expect("faces with too few corners are left out");
     assert_eq!((data.indices.len(), data.skipped_faces), (1, 2));
 }
 
 #[test]
 fn continued_lines_crlf_weights_and_odd_bytes() {
     let text = b"# caf\xe9\r\nv 0 0 0 2\r\nv 1 0 0 0.1 0.2 0.3\r\nv 1 1 0\r\nf 1 \\\r\n 2 3\r\n";
-    let data = both(text, false).unwrap();
+    let data = both(text, false).expect("odd bytes stand in comments only");
     assert_eq!(corners(&data), [[P[0], P[1], P[2]]]);
 }
 
 #[test]
 fn texture_coordinates_split_vertices_but_not_points() {
     let text = format!("{SQUARE}vt 0 0\nvt 1 0.25\nvt 0.5\nf 1/1 2/2 3/3\nf 1/2 3/3 4/1\n");
-    let data = parse(&text).unwrap();
-    let uvs = data.uvs.as_ref().unwrap();
+    let data = parse(&text).expect("a well-formed file");
+    let uvs = data.uvs.as_ref().expect("the file has texture coordinates");
     let per_corner: Vec<Vec2> = data.indices.iter().flatten().map(|&i| uvs[i as usize]).collect();
     let [a, b, c] = [Vec2::ZERO, Vec2::new(1.0, 0.25), Vec2::new(0.5, 0.0)];
     assert_eq!(per_corner, [a, b, c, b, c, a]);
     assert_eq!(corners(&data), [[P[0], P[1], P[2]], [P[0], P[2], P[3]]]);
     // Five vertices: only the first corner was split, and both halves stand on the same point.
-    let points = data.points.unwrap();
+    let points = data.points.expect("corners that share a point were split");
     assert_eq!(points.len(), 5);
     assert_eq!(points[data.indices[0][0] as usize], points[data.indices[1][0] as usize]);
-    let flipped = both(text.as_bytes(), true).unwrap();
-    assert_eq!(flipped.uvs.unwrap()[data.indices[0][1] as usize], Vec2::new(1.0, 0.75));
+    let flipped = both(text.as_bytes(), true).expect("a well-formed file");
+    assert_eq!(
+        flipped.uvs.expect("the file has texture coordinates")[data.indices[0][1] as usize],
+        Vec2::new(1.0, 0.75)
+    );
 }
 
 #[test]
 fn corners_without_texture_or_normal_get_zeros() {
     // tobj alone would put the texture coordinates out of step here.
     let text = format!("{SQUARE}f 1 2 3\nvt 0.5 0.5\nvn 0 0 1\nf 1/1/1 3 4//1\n");
-    let data = parse(&text).unwrap();
-    let (uvs, normals) = (data.uvs.as_ref().unwrap(), data.normals.as_ref().unwrap());
+    let data = parse(&text).expect("a well-formed file");
+    let (uvs, normals) = (
+        data.uvs.as_ref().expect("the file has texture coordinates"),
+        data.normals.as_ref().expect("the file has normals"),
+    );
     let of = |face: usize, corner: usize| data.indices[face][corner] as usize;
     assert_eq!((uvs[of(0, 0)], normals[of(0, 0)]), (Vec2::ZERO, Vec3::ZERO));
     assert_eq!((uvs[of(1, 0)], normals[of(1, 0)]), (Vec2::splat(0.5), Vec3::Z));
@@ -132,7 +141,7 @@ fn corners_without_texture_or_normal_get_zeros() {
 
 #[test]
 fn unused_texture_coordinates_and_normals_are_left_out() {
-    let data = parse(&format!("{SQUARE}vt 0 0\nvn 0 0 1\nf 1 2 3\n")).unwrap();
+    let data = parse(&format!("{SQUARE}vt 0 0\nvn 0 0 1\nf 1 2 3\n")).expect("a well-formed file");
     assert!(data.uvs.is_none() && data.normals.is_none() && data.points.is_none());
 }
 
@@ -167,14 +176,14 @@ fn errors_name_the_line() {
 #[test]
 fn nothing_gives_nothing() {
     for text in ["", "\n", "# only a comment", "v 0 0 0"] {
-        assert!(parse(text).unwrap().indices.is_empty());
+        assert!(parse(text).expect("no faces, no mistake").indices.is_empty());
     }
 }
 
 #[test]
 fn missing_texture_coordinates_are_zero_when_flipped_too() {
-    let data = both(format!("{SQUARE}vt 0.5 0.25\nf 1/1 2/1 3\n").as_bytes(), true).unwrap();
-    let uvs = data.uvs.as_ref().unwrap();
+    let data = both(format!("{SQUARE}vt 0.5 0.25\nf 1/1 2/1 3\n").as_bytes(), true).expect("a well-formed file");
+    let uvs = data.uvs.as_ref().expect("the file has texture coordinates");
     let of = |corner: usize| uvs[data.indices[0][corner] as usize];
     assert_eq!((of(0), of(2)), (Vec2::new(0.5, 0.75), Vec2::ZERO));
 }
@@ -182,8 +191,12 @@ fn missing_texture_coordinates_are_zero_when_flipped_too() {
 #[test]
 fn equal_indices_need_no_splitting() {
     let text = "v 0 0 0\nvt 0 0\nvn 0 0 1\nv 1 0 0\nvt 1 0\nvn 0 0 1\nv 0 1 0\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/2/2 3/3/3\n";
-    let data = parse(text).unwrap();
-    assert!(data.points.is_none() && data.indices == [[0, 1, 2]] && data.uvs.unwrap()[1] == Vec2::X);
+    let data = parse(text).expect("a well-formed file");
+    assert!(
+        data.points.is_none()
+            && data.indices == [[0, 1, 2]]
+            && data.uvs.expect("the file has texture coordinates")[1] == Vec2::X
+    );
 }
 
 /// Lines of which random files are made; most of them are good.

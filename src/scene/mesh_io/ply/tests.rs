@@ -68,7 +68,7 @@ fn triangles_in_all_formats() {
     let mut values = square();
     values.extend([V::B(3), V::I(0), V::I(1), V::I(2), V::B(3), V::I(0), V::I(2), V::I(3)]);
     for (name, bytes) in all_formats(&header, &values) {
-        let data = parse(&bytes).unwrap();
+        let data = parse(&bytes).expect("a well-formed file");
         assert_eq!(data.indices, [[0, 1, 2], [0, 2, 3]], "{name}");
         assert_eq!(data.positions.get(2), DVec3::new(1.0, 1.0, 0.0), "{name}");
         assert!(data.normals.is_none() && data.uvs.is_none() && data.attributes.is_empty());
@@ -89,7 +89,7 @@ fn mixed_polygons_with_odd_types_and_extra_properties() {
         values.extend([V::B(2), V::F(0.25), V::F(0.5)]);
     }
     for (name, bytes) in all_formats(&header, &values) {
-        let data = parse(&bytes).unwrap();
+        let data = parse(&bytes).expect("a well-formed file");
         assert_eq!(data.indices, [[0, 1, 2], [0, 1, 2], [0, 2, 3]], "{name}");
         assert_eq!(data.skipped_faces, 2, "{name}");
     }
@@ -105,9 +105,9 @@ fn quads_keep_their_face_attribute() {
         values.extend([V::F(w), V::B(4), V::I(0), V::I(1), V::I(2), V::I(3), V::B(255)]);
     }
     for (name, bytes) in all_formats(&header, &values) {
-        let data = parse(&bytes).unwrap();
+        let data = parse(&bytes).expect("a well-formed file");
         assert_eq!(data.indices.len(), 4, "{name}");
-        let attribute = |n: &str| data.attributes.iter().find(|a| a.name == n).unwrap();
+        let attribute = |n: &str| data.attributes.iter().find(|a| a.name == n).expect("an attribute of the file");
         assert_eq!(attribute("face_w").data, [1.5, 1.5, 2.5, 2.5], "{name}");
         assert_eq!(attribute("face_id").data, [1.0; 4], "{name}");
         assert!(!attribute("face_w").per_vertex);
@@ -139,11 +139,11 @@ fn normals_uvs_and_attributes_in_any_order() {
     }
     values.extend([V::I(3), V::I(0), V::I(1), V::I(2)]);
     for (name, bytes) in all_formats(header, &values) {
-        let data = parse(&bytes).unwrap();
+        let data = parse(&bytes).expect("a well-formed file");
         assert!(matches!(data.positions, Positions::F64(_)), "{name}");
         assert_eq!(data.positions.get(1), DVec3::new(1.1, 0.2, 5.0), "{name}");
-        assert_eq!(data.normals.unwrap(), [Vec3::new(0.0, 0.0, 2.0); 3], "{name}");
-        assert_eq!(data.uvs.unwrap(), [Vec2::new(0.25, 0.75); 3], "{name}");
+        assert_eq!(data.normals.expect("the file has normals"), [Vec3::new(0.0, 0.0, 2.0); 3], "{name}");
+        assert_eq!(data.uvs.expect("the file has texture coordinates"), [Vec2::new(0.25, 0.75); 3], "{name}");
         let names: Vec<&str> = data.attributes.iter().map(|a| &a.name[..]).collect();
         assert_eq!(names, ["vertex_color", "vertex_heat", "vertex_tint_color"], "{name}");
         // sRGB 188 is linear 0.5029.
@@ -151,8 +151,8 @@ fn normals_uvs_and_attributes_in_any_order() {
         assert!(c[0] == 1.0 && c[1] == 0.0 && (c[2] - 0.5029).abs() < 1e-4, "{name}: {c:?}");
         assert_eq!(data.attributes[1].data, [0.0, 1.0, 2.0], "{name}");
         assert_eq!(data.attributes[2].data[3..6], [0.1, 0.2, 0.3], "{name}");
-        let flipped = parse_ply(&bytes, Path::new("test.ply"), true).unwrap();
-        assert_eq!(flipped.uvs.unwrap()[0], Vec2::new(0.25, 0.25), "{name}");
+        let flipped = parse_ply(&bytes, Path::new("test.ply"), true).expect("a well-formed file");
+        assert_eq!(flipped.uvs.expect("the file has texture coordinates")[0], Vec2::new(0.25, 0.25), "{name}");
     }
 }
 
@@ -172,8 +172,8 @@ fn what_is_written_is_read_back() {
             comments: &["made by\na test"],
         };
         let mut bytes = Vec::new();
-        write_ply_to(&mut bytes, &mesh).unwrap();
-        let data = parse(&bytes).unwrap();
+        write_ply_to(&mut bytes, &mesh).expect("memory takes all that is written");
+        let data = parse(&bytes).expect("a well-formed file");
         assert!(matches!(&data.positions, Positions::F32(p) if *p == positions));
         assert_eq!(data.indices, indices);
         assert_eq!(data.normals, extra.then(|| normals.clone()));
@@ -257,7 +257,7 @@ fn every_cut_is_an_error_and_no_panic() {
     let mut values = square();
     values.extend([V::B(3), V::I(0), V::I(1), V::I(2), V::B(4), V::I(0), V::I(1), V::I(2), V::I(3)]);
     for (name, bytes) in all_formats(&header, &values) {
-        assert_eq!(parse(&bytes).unwrap().indices.len(), 3);
+        assert_eq!(parse(&bytes).expect("a well-formed file").indices.len(), 3);
         // The last digit and separator of a text may go without harm.
         for cut in 0..bytes.len() - 2 {
             assert!(parse(&bytes[..cut]).is_err(), "{name} cut at {cut}");
