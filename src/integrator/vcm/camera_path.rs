@@ -1,9 +1,9 @@
 //! Camera sub-paths: lights that they meet, next-event estimation, connections and merges.
 
 use super::Recipe;
-use super::grid::{Grid, Query};
+use super::grid::Grid;
 use super::light_path::LightVertex;
-use super::step::{cosine, pdf_back};
+use super::step::{CameraVertex, cosine, pdf_back};
 use super::weights::{Mis, emitter_hit, side, weight};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::camera::CameraRay;
@@ -29,16 +29,6 @@ pub(super) struct CameraWalk {
     /// No vertex so far could have been merged.
     unmerged: bool,
     parallel: bool,
-}
-
-/// A vertex of a camera path.
-pub(super) struct CameraVertex<'a> {
-    pub si: &'a SurfaceInteraction,
-    pub bsdf: &'a Bsdf,
-    pub mis: &'a Mis,
-    pub depth: u32,
-    /// `eta` when the vertex can be merged with light from a vertex that focuses.
-    pub merge: f64,
 }
 
 impl CameraWalk {
@@ -163,15 +153,8 @@ pub(super) fn radiance(
             }
             if let (Some(grid), true) = (field.grid, merge > 0.0) {
                 counters.photon_queries += 1;
-                let query = Query {
-                    si: &si,
-                    bsdf: &bsdf,
-                    mis: &walk.mis,
-                    max_depth: recipe.max_depth - walk.depth,
-                    connect: recipe.connect,
-                    eta: field.eta,
-                };
-                sum += walk.beta * grid.merge(&query) / recipe.light_paths as f32;
+                let merged = grid.merge(&v, recipe.max_depth - v.depth, recipe.connect);
+                sum += walk.beta * merged / recipe.light_paths as f32;
             }
         }
         if !walk.scatter(recipe, &si, &bsdf, field.eta, sampler) {

@@ -1,10 +1,10 @@
 //! Light vertices in a hash grid, for all merges of one radius.
 
-use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::bsdf::{LobeMask, Mode};
 use crate::color::Rgb;
-use crate::geometry::SurfaceInteraction;
 use crate::math::{INV_PI, Vec3};
 
+use super::step::CameraVertex;
 use super::weights::{Mis, merged_side, weight};
 
 /// Vertices whose surface is turned further than this (60°) from the camera's vertex are not merged with it.
@@ -34,18 +34,6 @@ pub(super) struct Grid {
     photons: Vec<Photon>,
     inv_cell: f32,
     radius_sq: f32,
-}
-
-/// A merge at a camera vertex.
-pub(super) struct Query<'a> {
-    pub si: &'a SurfaceInteraction,
-    pub bsdf: &'a Bsdf,
-    pub mis: &'a Mis,
-    /// Most edges from the light that fit into the longest path.
-    pub max_depth: u32,
-    /// 1 when vertices are connected too.
-    pub connect: f64,
-    pub eta: f64,
 }
 
 impl Grid {
@@ -122,24 +110,26 @@ impl Grid {
 
     /// Weighted flux density of all merges at a camera vertex, to be divided by the number of light paths:
     /// `Σ w f Φ K` with the Epanechnikov kernel `K = 2 (1 − d²/r²) / (π r²)`, W·m⁻²·sr⁻¹.
-    pub fn merge(&self, q: &Query) -> Rgb {
-        if let Some(albedo) = q.bsdf.lambertian(LobeMask::ALL) {
-            return self.merge_lambertian(q, albedo);
+    ///
+    /// Photons count up to `max_depth` edges from the light; `connect` is 1 when vertices are connected too.
+    pub fn merge(&self, v: &CameraVertex, max_depth: u32, connect: f64) -> Rgb {
+        if let Some(albedo) = v.bsdf.lambertian(LobeMask::ALL) {
+            return self.merge_lambertian(v, albedo, max_depth, connect);
         }
         let mut sum = Rgb::BLACK;
-        self.within(q.si.p, q.max_depth, |photon, d_sq| {
-            if photon.ng.dot(q.si.ng) < MIN_NORMAL_COS {
+        self.within(v.si.p, max_depth, |photon, d_sq| {
+            if photon.ng.dot(v.si.ng) < MIN_NORMAL_COS {
                 return;
             }
-            let f = q.bsdf.eval(q.si.wo, photon.wi, Mode::Radiance, LobeMask::ALL);
+            let f = v.bsdf.eval(v.si.wo, photon.wi, Mode::Radiance, LobeMask::ALL);
             if f.is_black() {
                 return;
             }
             // The flux came in over the geometric surface that the photon met: the query's may be another facet.
             let cos = photon.wi.dot(photon.ng).abs();
-            let fwd = q.bsdf.pdf(q.si.wo, photon.wi, Mode::Radiance, LobeMask::ALL) as f64;
-            let rev = q.bsdf.pdf(photon.wi, q.si.wo, Mode::Importance, LobeMask::ALL) as f64;
-            let others = merged_side(&photon.mis, fwd, q.connect, q.eta) + merged_side(q.mis, rev, q.connect, q.eta);
+            let fwd = v.bsdf.pdf(v.si.wo, photon.wi, Mode::Radiance, LobeMask::ALL) as f64;
+            let rev = v.bsdf.pdf(photon.wi, v.si.wo, Mode::Importance, LobeMask::ALL) as f64;
+            let others = merged_side(&photon.mis, fwd, connect, v.merge) + merged_side(v.mis, rev, connect, v.merge);
             let kernel = 1.0 - d_sq / self.radius_sq;
             sum += f * photon.beta * (kernel / cos * weight(others) as f32);
         });
@@ -147,14 +137,14 @@ impl Grid {
     }
 
     /// [`Grid::merge`] on a flat Lambertian surface, whose density back to the camera is the same for all photons.
-    fn merge_lambertian(&self, q: &Query, albedo: Rgb) -> Rgb {
-        let n = if q.si.wo.dot(q.si.ng) < 0.0 { -q.si.ng } else { q.si.ng };
-        let camera = merged_side(q.mis, (q.si.wo.dot(n) * INV_PI) as f64, q.connect, q.eta);
+    fn merge_lambertian(&self, v: &CameraVertex, albedo: Rgb, max_depth: u32, connect: f64) -> Rgb {
+        let n = if v.si.wo.dot(v.si.ng) < 0.0 { -v.si.ng } else { v.si.ng };
+        let camera = merged_side(v.mis, (v.si.wo.dot(n) * INV_PI) as f64, connect, v.merge);
         let mut sum = Rgb::BLACK;
-        self.within(q.si.p, q.max_depth, |photon, d_sq| {
+        self.within(v.si.p, max_depth, |photon, d_sq| {
             let cos = photon.wi.dot(n);
-            if cos > 0.0 && photon.ng.dot(q.si.ng) >= MIN_NORMAL_COS {
-                let others = merged_side(&photon.mis, (cos * INV_PI) as f64, q.connect, q.eta) + camera;
+            if cos > 0.0 && photon.ng.dot(v.si.ng) >= MIN_NORMAL_COS {
+                let others = merged_side(&photon.mis, (cos * INV_PI) as f64, connect, v.merge) + camera;
                 sum += photon.beta * ((1.0 - d_sq / self.radius_sq) * weight(others) as f32);
             }
         });

@@ -6,6 +6,16 @@ use crate::bsdf::{Bsdf, BsdfSample, LobeMask, Mode};
 use crate::geometry::SurfaceInteraction;
 use crate::math::Vec3;
 
+/// A vertex of a camera path.
+pub(super) struct CameraVertex<'a> {
+    pub si: &'a SurfaceInteraction,
+    pub bsdf: &'a Bsdf,
+    pub mis: &'a Mis,
+    pub depth: u32,
+    /// `eta` when the vertex can be merged with light from a vertex that focuses.
+    pub merge: f64,
+}
+
 /// |cosine| to the geometric normal: densities per area count on the surface itself, not on what shading makes of it.
 #[inline]
 pub(super) fn cosine(si: &SurfaceInteraction, w: Vec3) -> f64 {

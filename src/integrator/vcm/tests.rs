@@ -3,8 +3,9 @@
 use std::f64::consts::PI;
 use std::path::Path as FilePath;
 
-use super::camera_path::{CameraVertex, CameraWalk, connection_sums, escape_densities, hit_densities, next_event_sums};
+use super::camera_path::{CameraWalk, connection_sums, escape_densities, hit_densities, next_event_sums};
 use super::light_path::{LightVertex, LightWalk, lens_sums};
+use super::step::CameraVertex;
 use super::weights::{Mis, emitter_hit, merged_side, side, weight};
 use super::{Merging, Recipe, VcmSettings};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
