@@ -2,7 +2,8 @@
 
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
-use crate::geometry::SurfaceInteraction;
+use crate::geometry::{Ray, SurfaceInteraction};
+use crate::math::Vec3;
 use crate::sample::Sampler;
 use crate::scene::Scene;
 use crate::tally::Counters;
@@ -52,4 +53,61 @@ pub fn sample_direct(
         power_heuristic(pdf_light, bsdf_share * bsdf.pdf(si.wo, li.wi, Mode::Radiance, mask))
     };
     f * li.radiance * (weight / pdf_light)
+}
+
+/// Emitted light that a ray has met.
+#[derive(Clone, Copy, Debug)]
+pub struct MetLight {
+    /// W·m⁻²·sr⁻¹.
+    pub emitted: Rgb,
+    /// Power-heuristic weight against light sampling.
+    pub weight: f32,
+}
+
+/// The light that a ray from `p` along `d` meets at `hit`, or in the environment where it meets no surface.
+///
+/// `pdf` is the density (sr⁻¹) with which `d` was chosen, infinite for a discrete choice, and `light_samples` the number of
+/// light samples for each such ray. `None` where there is no light.
+#[inline]
+pub fn met_light(
+    scene: &Scene,
+    p: Vec3,
+    d: Vec3,
+    hit: Option<&SurfaceInteraction>,
+    pdf: f32,
+    light_samples: f32,
+) -> Option<MetLight> {
+    let (emitted, pdf_light) = match hit {
+        Some(hit) if scene.is_emitter(hit) => (scene.emitted(hit, hit.wo), scene.pdf_direct(p, hit)),
+        Some(_) => return None,
+        None => (scene.environment_radiance(d), scene.pdf_environment(p, d)),
+    };
+    (!emitted.is_black()).then(|| MetLight { emitted, weight: power_heuristic(pdf, pdf_light * light_samples) })
+}
+
+/// The other half of [`sample_direct`]: one ray that the lobes `mask` at `si` choose, and the light that it meets.
+///
+/// Returns the weight of the choice, `f·|cos|/pdf`, apart from the light, which is shared with `light_samples` light
+/// samples for each ray.
+#[inline]
+pub fn sample_lobe_light(
+    scene: &Scene,
+    si: &SurfaceInteraction,
+    bsdf: &Bsdf,
+    mask: LobeMask,
+    light_samples: f32,
+    sampler: &mut Sampler,
+    counters: &mut Counters,
+) -> Option<(Rgb, MetLight)> {
+    let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
+    let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, mask)?;
+    counters.camera_rays += 1;
+    let ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+    let hit = match scene.hit(&ray) {
+        Some(hit) if scene.shape_lights[hit.shape as usize].is_none() => return None,
+        hit => hit.map(|hit| scene.interaction(&ray, &hit)),
+    };
+    // Light sampling cannot make the directions of discrete lobes.
+    let pdf = if s.lobe.intersects(LobeMask::SMOOTH) { s.pdf } else { f32::INFINITY };
+    Some((s.weight, met_light(scene, si.p, s.wi, hit.as_ref(), pdf, light_samples)?))
 }

@@ -6,6 +6,6 @@ mod fixed;
 mod irradiance;
 mod photons;
 
-pub use direct::{power_heuristic, sample_direct};
+pub use direct::{MetLight, met_light, power_heuristic, sample_direct, sample_lobe_light};
 pub use fixed::{RadiusEstimate, RadiusMap};
 pub use photons::{LookupSettings, MapEstimate, PhotonMaps};

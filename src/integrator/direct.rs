@@ -1,10 +1,10 @@
 //! Direct light only, as Mitsuba 3's `direct`.
 
 use super::{CameraSample, Integrator};
-use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
-use crate::gather::{power_heuristic, sample_direct};
-use crate::geometry::{Ray, SurfaceInteraction};
+use crate::gather::{sample_direct, sample_lobe_light};
+use crate::geometry::SurfaceInteraction;
 use crate::sample::Sampler;
 use crate::scene::Scene;
 use crate::tally::Counters;
@@ -35,22 +35,13 @@ impl Direct {
         sampler: &mut Sampler,
         counters: &mut Counters,
     ) -> Rgb {
+        let light_share = self.emitter_samples as f32 / self.bsdf_samples as f32;
         let mut sum = Rgb::BLACK;
         for _ in 0..self.bsdf_samples {
-            let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-            let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL) else { continue };
-            counters.camera_rays += 1;
-            let (emitted, pdf_light) = match scene.intersect(&Ray::new(si.spawn_origin(s.wi), s.wi)) {
-                Some(hit) => (scene.emitted(&hit, hit.wo), scene.pdf_direct(si.p, &hit)),
-                None => (scene.environment_radiance(s.wi), scene.pdf_environment(si.p, s.wi)),
-            };
-            if emitted.is_black() {
-                continue;
+            let found = sample_lobe_light(scene, si, bsdf, LobeMask::ALL, light_share, sampler, counters);
+            if let Some((weight, light)) = found {
+                sum += weight * light.emitted * (light.weight / self.bsdf_samples as f32);
             }
-            let light_share = self.emitter_samples as f32 / self.bsdf_samples as f32;
-            let weight =
-                if s.lobe.intersects(LobeMask::SMOOTH) { power_heuristic(s.pdf, pdf_light * light_share) } else { 1.0 };
-            sum += s.weight * emitted * (weight / self.bsdf_samples as f32);
         }
         sum
     }

@@ -1,6 +1,7 @@
 //! Recipes: how the pieces below make the radiance of one camera ray.
 
 mod direct;
+mod lobe_walk;
 mod path;
 mod photonmapper;
 pub mod sppm;

@@ -3,7 +3,7 @@
 use super::PhotonMapper;
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
-use crate::gather::{power_heuristic, sample_direct};
+use crate::gather::{met_light, sample_direct};
 use crate::geometry::{Ray, SurfaceInteraction};
 use crate::integrator::{roulette, specular_bounce};
 use crate::math::Vec3;
@@ -29,37 +29,12 @@ impl LightShare {
     /// What the ray along `d` sees of a light at `hit`, or of the environment, with its MIS weight.
     #[inline]
     fn met(&self, scene: &Scene, d: Vec3, hit: Option<&SurfaceInteraction>) -> Rgb {
-        let (emitted, pdf_light) = match hit {
-            Some(hit) if scene.is_emitter(hit) => (scene.emitted(hit, hit.wo), scene.pdf_direct(self.p, hit)),
-            Some(_) => return Rgb::BLACK,
-            None => (scene.environment_radiance(d), scene.pdf_environment(self.p, d)),
-        };
-        if emitted.is_black() {
-            return Rgb::BLACK;
-        }
-        emitted * power_heuristic(self.pdf, pdf_light * self.shadow_rays)
+        let light = met_light(scene, self.p, d, hit, self.pdf, self.shadow_rays);
+        light.map_or(Rgb::BLACK, |l| l.emitted * l.weight)
     }
 }
 
 impl PhotonMapper<'_> {
-    /// The half of the direct light at `si` that a ray of the BSDF finds, for one shadow ray each.
-    pub(super) fn light_ray(
-        &self,
-        scene: &Scene,
-        si: &SurfaceInteraction,
-        bsdf: &Bsdf,
-        sampler: &mut Sampler,
-        counters: &mut Counters,
-    ) -> Rgb {
-        let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-        let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SMOOTH_WIDE) else {
-            return Rgb::BLACK;
-        };
-        counters.camera_rays += 1;
-        let hit = scene.intersect(&Ray::new(si.spawn_origin(s.wi), s.wi));
-        s.weight * LightShare { p: si.p, pdf: s.pdf, shadow_rays: 1.0 }.met(scene, s.wi, hit.as_ref())
-    }
-
     /// One gather ray from `si`, and its light by MIS with `shadow_rays` shadow rays for each gather ray.
     #[allow(clippy::too_many_arguments)]
     pub(super) fn gather_ray(

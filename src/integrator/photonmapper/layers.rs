@@ -1,10 +1,11 @@
 //! What the photon maps hold, seen directly beside the picture.
 
+use super::PhotonMapper;
 use super::cache::pixel_width;
-use super::{PhotonMapper, Sight, Sights};
 use crate::camera::Footprint;
 use crate::color::Rgb;
 use crate::integrator::CameraSample;
+use crate::integrator::lobe_walk::{Sight, Sights};
 use crate::sample::Sampler;
 use crate::scene::Scene;
 use crate::tally::Counters;
@@ -83,7 +84,7 @@ impl LayerView<'_> {
         out.fill(Rgb::BLACK);
         let footprint = &sample.camera_ray.footprint;
         let mut sums = LayerSums { view: self, scene, footprint, out, seen: false };
-        self.mapper.follow(scene, sample, &mut sums, sampler, counters);
+        self.mapper.walk().follow(scene, &sample.camera_ray, &mut sums, sampler, counters);
     }
 }
 

@@ -16,11 +16,12 @@ mod layers;
 
 pub use layers::{Layer, LayerView};
 
-use super::{CameraSample, Integrator, MaxDepth, roulette, specular_bounce};
+use super::lobe_walk::{LobeWalk, Sight, Sights};
+use super::{CameraSample, Integrator, MaxDepth};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
 use crate::gather::cache::{CacheSettings, IrradianceCache};
-use crate::gather::{LookupSettings, PhotonMaps, sample_direct};
+use crate::gather::{LookupSettings, PhotonMaps, sample_direct, sample_lobe_light};
 use crate::geometry::SurfaceInteraction;
 use crate::math::INV_PI;
 use crate::sample::{Sampler, Sequence};
@@ -90,25 +91,6 @@ pub struct PhotonMapper<'a> {
     pub cache: Option<&'a IrradianceCache>,
 }
 
-/// What a camera path comes upon.
-trait Sights {
-    /// Radiance that a light, or the environment, sends along the path, weighted for the film.
-    fn light(&mut self, radiance: Rgb);
-
-    /// A surface with lobes that photons estimate, at the end of `length` scene units of path; paths of at most `edges`
-    /// edges may go on from there, and what leaves it counts `beta` times.
-    fn wide(&mut self, at: &Sight, sampler: &mut Sampler, counters: &mut Counters);
-}
-
-/// See [`Sights::wide`].
-struct Sight<'a> {
-    si: &'a SurfaceInteraction,
-    bsdf: &'a Bsdf,
-    beta: Rgb,
-    edges: u32,
-    length: f32,
-}
-
 /// The radiance of a camera path.
 struct Picture<'a> {
     mapper: &'a PhotonMapper<'a>,
@@ -131,73 +113,18 @@ impl Sights for Picture<'_> {
 impl Integrator for PhotonMapper<'_> {
     fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
         let mut picture = Picture { mapper: self, scene, radiance: Rgb::BLACK };
-        self.follow(scene, sample, &mut picture, sampler, counters);
+        self.walk().follow(scene, &sample.camera_ray, &mut picture, sampler, counters);
         picture.radiance
     }
 }
 
 impl PhotonMapper<'_> {
-    /// Follows a camera path through specular and sharp glossy surfaces and shows what it comes upon.
-    #[inline(always)]
-    fn follow(
-        &self,
-        scene: &Scene,
-        sample: &CameraSample,
-        sights: &mut impl Sights,
-        sampler: &mut Sampler,
-        counters: &mut Counters,
-    ) {
-        let camera_ray = &sample.camera_ray;
-        let mut beta = Rgb::splat(camera_ray.weight);
-        let mut ray = camera_ray.ray;
-        let (mut eta, mut length) = (1.0f32, 0.0f32);
-        let mut depth = 0u32;
-        let max_depth = self.settings.max_depth.unwrap_or(u32::MAX);
-        let mut hide = self.settings.hide_emitters;
-        while depth < max_depth {
-            counters.camera_rays += 1;
-            let Some(hit) = scene.hit(&ray) else {
-                if !hide {
-                    sights.light(beta * scene.environment_radiance(ray.d));
-                }
-                break;
-            };
-            let si = scene.interaction(&ray, &hit);
-            length += si.t;
-            if scene.is_emitter(&si) {
-                if hide {
-                    ray.o = si.spawn_origin(ray.d);
-                    continue;
-                }
-                sights.light(beta * scene.emitted(&si, si.wo));
-            }
-            hide = false;
-            depth += 1;
-            if depth >= max_depth {
-                break;
-            }
-            // Estimate everything that leaves through the diffuse and wide glossy lobes here.
-            let bsdf = scene.bsdf(&si);
-            if bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
-                let sight = Sight { si: &si, bsdf: &bsdf, beta, edges: max_depth - depth, length };
-                sights.wide(&sight, sampler, counters);
-            }
-            // Follow the specular and sharp glossy ones.
-            if !bsdf.lobes().intersects(LobeMask::SPECULAR) {
-                break;
-            }
-            let Some((next, weight, eta_crossed)) = specular_bounce(&si, &bsdf, sampler) else { break };
-            beta *= weight;
-            eta *= eta_crossed;
-            ray = next;
-            if !roulette(&mut beta, eta, depth, self.settings.rr_depth, sampler) {
-                break;
-            }
-        }
+    /// How camera paths go on to where photons are read.
+    fn walk(&self) -> LobeWalk {
+        let s = &self.settings;
+        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters }
     }
-}
 
-impl PhotonMapper<'_> {
     /// Radiance that leaves `si` through lobes that photons estimate, over paths of at most `edges` edges more.
     fn wide_lobes(
         &self,
@@ -253,8 +180,11 @@ impl PhotonMapper<'_> {
             .sum();
         let mut sum = direct / shadow_rays as f32;
         if narrow {
-            let met: Rgb =
-                sampler.split(shadow_rays).map(|mut s| self.light_ray(scene, si, bsdf, &mut s, counters)).sum();
+            let met: Rgb = sampler
+                .split(shadow_rays)
+                .filter_map(|mut s| sample_lobe_light(scene, si, bsdf, LobeMask::SMOOTH_WIDE, 1.0, &mut s, counters))
+                .map(|(weight, light)| weight * (light.emitted * light.weight))
+                .sum();
             sum += met / shadow_rays as f32;
         }
         (sum, share)

@@ -21,11 +21,12 @@ mod schedule;
 pub use radii::{FoundPhotons, KINDS, PixelRadii, Radii, SharedStatistics};
 pub use schedule::{SharedRadius, radius_sq_ratio};
 
-use super::{CameraSample, Integrator, MaxDepth, roulette, specular_bounce};
-use crate::bsdf::{Bsdf, LobeMask, Mode};
+use super::lobe_walk::{LobeWalk, Sight, Sights};
+use super::{CameraSample, Integrator, MaxDepth};
+use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
-use crate::gather::{RadiusMap, power_heuristic, sample_direct};
-use crate::geometry::{Ray, SurfaceInteraction};
+use crate::gather::{RadiusMap, sample_direct, sample_lobe_light};
+use crate::geometry::SurfaceInteraction;
 use crate::sample::{Sampler, Sequence};
 use crate::scene::Scene;
 use crate::shoot::{ShootSettings, Target, WalkSettings};
@@ -116,53 +117,32 @@ pub struct Sppm<'a> {
 impl Integrator for Sppm<'_> {
     fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
         let pixel = self.radii.index(sample.pixel);
-        let mut radiance = Rgb::BLACK;
-        let mut beta = Rgb::splat(sample.camera_ray.weight);
-        let mut ray = sample.camera_ray.ray;
-        let mut eta = 1.0f32;
-        let mut depth = 0u32;
-        let max_depth = self.settings.max_depth.unwrap_or(u32::MAX);
-        let mut hide = self.settings.hide_emitters;
-        while depth < max_depth {
-            counters.camera_rays += 1;
-            let Some(hit) = scene.hit(&ray) else {
-                if !hide {
-                    radiance += beta * scene.environment_radiance(ray.d);
-                }
-                break;
-            };
-            let si = scene.interaction(&ray, &hit);
-            if scene.is_emitter(&si) {
-                if hide {
-                    ray.o = si.spawn_origin(ray.d);
-                    continue;
-                }
-                radiance += beta * scene.emitted(&si, si.wo);
-            }
-            hide = false;
-            depth += 1;
-            if depth >= max_depth {
-                break;
-            }
-            // Estimate everything that leaves through the diffuse and wide glossy lobes here.
-            let bsdf = scene.bsdf(&si);
-            if bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
-                radiance += beta * self.direct(scene, &si, &bsdf, sampler, counters);
-                radiance += beta * self.photons(pixel, &si, &bsdf, counters);
-            }
-            // Follow the specular and sharp glossy ones.
-            if !bsdf.lobes().intersects(LobeMask::SPECULAR) {
-                break;
-            }
-            let Some((next, weight, eta_crossed)) = specular_bounce(&si, &bsdf, sampler) else { break };
-            beta *= weight;
-            eta *= eta_crossed;
-            ray = next;
-            if !roulette(&mut beta, eta, depth, self.settings.rr_depth, sampler) {
-                break;
-            }
-        }
-        radiance
+        let s = &self.settings;
+        let walk = LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters };
+        let mut picture = Picture { sppm: self, scene, pixel, radiance: Rgb::BLACK };
+        walk.follow(scene, &sample.camera_ray, &mut picture, sampler, counters);
+        picture.radiance
+    }
+}
+
+/// The radiance of a camera path of one pixel.
+struct Picture<'a> {
+    sppm: &'a Sppm<'a>,
+    scene: &'a Scene,
+    pixel: usize,
+    radiance: Rgb,
+}
+
+impl Sights for Picture<'_> {
+    #[inline]
+    fn light(&mut self, radiance: Rgb) {
+        self.radiance += radiance;
+    }
+
+    #[inline]
+    fn wide(&mut self, at: &Sight, sampler: &mut Sampler, counters: &mut Counters) {
+        self.radiance += at.beta * self.sppm.direct(self.scene, at.si, at.bsdf, sampler, counters);
+        self.radiance += at.beta * self.sppm.photons(self.pixel, at.si, at.bsdf, counters);
     }
 }
 
@@ -181,21 +161,9 @@ impl Sppm<'_> {
         if !self.visible_lights {
             return sum;
         }
-        let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-        if let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SMOOTH_WIDE) {
-            counters.camera_rays += 1;
-            let ray = Ray::new(si.spawn_origin(s.wi), s.wi);
-            let (emitted, pdf_light) = match scene.hit(&ray) {
-                Some(hit) if scene.shape_lights[hit.shape as usize].is_some() => {
-                    let hit = scene.interaction(&ray, &hit);
-                    (scene.emitted(&hit, hit.wo), scene.pdf_direct(si.p, &hit))
-                }
-                Some(_) => (Rgb::BLACK, 0.0),
-                None => (scene.environment_radiance(ray.d), scene.pdf_environment(si.p, ray.d)),
-            };
-            if !emitted.is_black() {
-                sum += s.weight * emitted * power_heuristic(s.pdf, pdf_light);
-            }
+        let found = sample_lobe_light(scene, si, bsdf, LobeMask::SMOOTH_WIDE, 1.0, sampler, counters);
+        if let Some((weight, light)) = found {
+            sum += weight * light.emitted * light.weight;
         }
         sum
     }
