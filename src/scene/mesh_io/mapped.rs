@@ -12,14 +12,18 @@ pub(crate) enum FileBytes {
 }
 
 impl FileBytes {
+    /// The whole file. Nobody may write to or shorten a mapped file before it is loaded; see below for what happens then.
     pub(crate) fn open(path: &Path) -> Result<Self, MeshError> {
         let io = |e: &std::io::Error| MeshError::io(path, e);
         let mut file = File::open(path).map_err(|e| io(&e))?;
         let meta = file.metadata().map_err(|e| io(&e))?;
         if meta.is_file() && meta.len() > 0 {
             // SAFETY: the map is private to this value, read-only, and only ever seen as bytes, for which every bit
-            // pattern is valid; all sizes are checked against the mapped length. The contract on the outside world is
-            // memmap2's: the file must not be truncated by somebody else while it is being loaded.
+            // pattern is valid; all sizes are checked against the mapped length. What cannot be checked is memmap2's
+            // condition that no process changes the file while it is mapped, since no system keeps others from doing so.
+            // That is left to the user: where a file is cut short meanwhile, touching a page behind its new end stops
+            // the program (SIGBUS on Unix); where bytes are overwritten, the mesh may be old, new or mixed. Programs that
+            // write a new file and rename it over the old one, as this one does, disturb nobody: the map keeps the old.
             let map = unsafe { memmap2::Mmap::map(&file) }.map_err(|e| io(&e))?;
             return Ok(Self::Mapped(map));
         }
