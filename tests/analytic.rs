@@ -2,28 +2,12 @@
 
 mod common;
 
-use common::{Estimate, backends, scene};
+use common::{Estimate, backends, closed_sphere, scene};
 
-/// A closed unit sphere of albedo `rho`, seen from inside; `extra` holds its lights, `emission` goes into the sphere.
+/// See [`closed_sphere`]; paths are at most `max_depth` edges long.
 fn sphere(rho: f64, max_depth: i32, emission: &str, lights: &str) -> String {
-    format!(
-        r#"<scene version="3.0.0">
-  <integrator type="path"><integer name="max_depth" value="{max_depth}"/></integrator>
-  <sensor type="perspective">
-    <float name="fov" value="90"/>
-    <transform name="to_world"><lookat origin="0.1, 0.2, -0.3" target="0.5, 0.1, 1" up="0, 1, 0"/></transform>
-    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/>
-      <rfilter type="box"/></film>
-    <sampler type="independent"><integer name="sample_count" value="64"/></sampler>
-  </sensor>
-  <shape type="sphere">
-    <boolean name="flip_normals" value="true"/>
-    <bsdf type="diffuse"><rgb name="reflectance" value="{rho}"/></bsdf>
-    {emission}
-  </shape>
-  {lights}
-</scene>"#
-    )
+    let path = format!(r#"<integrator type="path"><integer name="max_depth" value="{max_depth}"/></integrator>"#);
+    closed_sphere(&path, "independent", rho, emission, lights)
 }
 
 fn point(intensity: f64) -> String {

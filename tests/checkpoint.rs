@@ -1,8 +1,10 @@
 //! Checkpoints as a user meets them: killed renders, pass ranges, merging, refusals.
 
-use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
+mod common;
+
 use std::time::{Duration, Instant};
+
+use common::program::Folder;
 
 const SCENE: &str = r#"<scene version="3.0.0">
   <default name="albedo" value="0.5"/>
@@ -17,56 +19,13 @@ const SCENE: &str = r#"<scene version="3.0.0">
   <emitter type="point"><point name="position" x="1" y="3" z="1"/></emitter>
 </scene>"#;
 
-struct Folder(tempfile::TempDir);
-
-impl Folder {
-    fn new() -> Self {
-        let dir = tempfile::tempdir().expect("a temporary folder");
-        std::fs::write(dir.path().join("scene.xml"), SCENE).expect("a temporary file");
-        Self(dir)
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    /// `caustica` with arguments separated by spaces, run in the folder.
-    fn command(&self, args: &str) -> Command {
-        let mut c = Command::new(env!("CARGO_BIN_EXE_caustica"));
-        c.args(args.split_whitespace()).current_dir(self.0.path()).stdout(Stdio::null()).stderr(Stdio::piped());
-        c
-    }
-
-    fn run(&self, args: &str) -> Output {
-        self.command(args).output().expect("the program starts")
-    }
-
-    #[track_caller]
-    fn succeeds(&self, args: &str) {
-        let o = self.run(args);
-        assert!(o.status.success(), "{args}: {}", String::from_utf8_lossy(&o.stderr));
-    }
-
-    #[track_caller]
-    fn fails(&self, args: &str, part: &str) {
-        let o = self.run(args);
-        let text = String::from_utf8_lossy(&o.stderr);
-        assert_eq!(o.status.code(), Some(2), "{args}: {text}");
-        assert!(text.contains(part) && !text.contains("panicked"), "{args}: {part:?} is not in: {text}");
-    }
-
-    fn bytes(&self, name: &str) -> Vec<u8> {
-        std::fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
-    }
-}
-
 const RENDER: &str = "render scene.xml -q --passes 60 --photons 2000 --threads 2";
 
 /// Kills the render again and again, at once after a checkpoint has appeared or at any time later, until it comes
 /// through: every checkpoint found is whole, and the picture has the bits of a run that nobody disturbed.
 #[test]
 fn kill_9_loses_nothing_but_the_passes_since_the_last_checkpoint() {
-    let f = Folder::new();
+    let f = Folder::new(SCENE);
     f.succeeds(&format!("{RENDER} -o whole.pfm"));
     let mut kills = 0;
     let mut args = format!("{RENDER} -o broken.pfm --checkpoint c.ckpt --every 0s");
@@ -102,49 +61,48 @@ fn kill_9_loses_nothing_but_the_passes_since_the_last_checkpoint() {
 
 #[test]
 fn pass_ranges_merge_to_the_whole() {
-    let f = Folder::new();
+    let f = Folder::new(SCENE);
     f.succeeds(&format!("{RENDER} -o whole.pfm"));
     for (range, name) in [("0..20", "a"), ("20..25", "b"), ("25..60", "c")] {
         f.succeeds(&format!("{RENDER} --pass-range {range} -o part.pfm --checkpoint {name}.ckpt"));
     }
     f.succeeds("merge c.ckpt a.ckpt b.ckpt -o merged.pfm -o merged.ckpt -o merged.exr");
-    let read = |name: &str| caustica::image::read(f.path(name)).expect("an image");
-    let (whole, merged) = (read("whole.pfm"), read("merged.pfm"));
+    let (whole, merged) = (f.image("whole.pfm"), f.image("merged.pfm"));
     for (a, b) in whole.pixels().iter().zip(merged.pixels()) {
         for (a, b) in a.to_array().into_iter().zip(b.to_array()) {
             assert!((a - b).abs() <= 1e-6 * a.abs(), "{a} against {b}");
         }
     }
-    assert_eq!(read("merged.exr").metadata["caustica.passes"], "60");
+    assert_eq!(f.image("merged.exr").metadata["caustica.passes"], "60");
     // A gap is no reason not to look at what is there; what was merged goes on like any checkpoint.
     f.succeeds("merge a.ckpt c.ckpt -o gap.pfm");
     f.succeeds("merge a.ckpt b.ckpt -o ab.ckpt");
     f.succeeds(&format!("{RENDER} --resume ab.ckpt -o resumed.pfm"));
-    for (a, b) in whole.pixels().iter().zip(read("resumed.pfm").pixels()) {
+    for (a, b) in whole.pixels().iter().zip(f.image("resumed.pfm").pixels()) {
         assert!((a.g - b.g).abs() <= 1e-6 * a.g.abs());
     }
     // Refusals.
-    f.fails("merge a.ckpt a.ckpt -o x.pfm", "overlap");
+    f.fails("merge a.ckpt a.ckpt -o x.pfm", 2, &["overlap"]);
     f.succeeds(&format!("{RENDER} -D albedo=0.6 --pass-range 20..21 -o part.pfm --checkpoint other.ckpt"));
-    f.fails("merge a.ckpt other.ckpt -o x.pfm", "another scene");
+    f.fails("merge a.ckpt other.ckpt -o x.pfm", 2, &["another scene"]);
     f.succeeds(&format!("{RENDER} --seed 5 --pass-range 20..21 -o part.pfm --checkpoint seed.ckpt"));
-    f.fails("merge a.ckpt seed.ckpt -o x.pfm", "another plan");
-    f.fails(&format!("{RENDER} --resume b.ckpt -o x.pfm"), "20..25");
-    f.fails(&format!("{RENDER} --resume other.ckpt -o x.pfm"), "another scene");
-    f.fails(&format!("{RENDER} --resume seed.ckpt -o x.pfm"), "another plan");
-    f.fails(&format!("{RENDER} --pass-range 50..70 -o x.pfm"), "--passes");
-    f.fails(&format!("{RENDER} --resume none.ckpt -o x.pfm"), "none.ckpt");
-    f.fails(&format!("{RENDER} --resume scene.xml -o x.pfm"), "not a checkpoint");
+    f.fails("merge a.ckpt seed.ckpt -o x.pfm", 2, &["another plan"]);
+    f.fails(&format!("{RENDER} --resume b.ckpt -o x.pfm"), 2, &["20..25"]);
+    f.fails(&format!("{RENDER} --resume other.ckpt -o x.pfm"), 2, &["another scene"]);
+    f.fails(&format!("{RENDER} --resume seed.ckpt -o x.pfm"), 2, &["another plan"]);
+    f.fails(&format!("{RENDER} --pass-range 50..70 -o x.pfm"), 2, &["--passes"]);
+    f.fails(&format!("{RENDER} --resume none.ckpt -o x.pfm"), 2, &["none.ckpt"]);
+    f.fails(&format!("{RENDER} --resume scene.xml -o x.pfm"), 2, &["not a checkpoint"]);
     let mut bytes = f.bytes("a.ckpt");
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     std::fs::write(f.path("a.ckpt"), bytes).expect("a temporary file");
-    f.fails(&format!("{RENDER} --resume a.ckpt -o x.pfm"), "damaged");
+    f.fails(&format!("{RENDER} --resume a.ckpt -o x.pfm"), 2, &["damaged"]);
 }
 
 #[test]
 fn the_image_so_far_is_written_meanwhile() {
-    let f = Folder::new();
+    let f = Folder::new(SCENE);
     let mut child = f
         .command("render scene.xml -q --passes 1000000 --photons 2000 --write-every 0s -o live.pfm")
         .spawn()
@@ -155,7 +113,7 @@ fn the_image_so_far_is_written_meanwhile() {
     }
     // Whenever one looks, the file is whole.
     for _ in 0..20 {
-        let image = caustica::image::read(f.path("live.pfm")).expect("a whole image");
+        let image = f.image("live.pfm");
         assert_eq!((image.width(), image.height()), (24, 16));
         std::thread::sleep(Duration::from_millis(3));
     }

@@ -1,7 +1,8 @@
 //! `converge`, `reference` and `compare` as a user meets them.
 
-use std::path::PathBuf;
-use std::process::{Command, Output};
+mod common;
+
+use common::program::Folder;
 
 /// A ball over a floor under a lamp, `size` pixels wide and high.
 fn scene(size: u32, light: bool) -> String {
@@ -30,71 +31,34 @@ fn scene(size: u32, light: bool) -> String {
     )
 }
 
-struct Folder(tempfile::TempDir);
+/// A file of a report.
+fn report(f: &Folder, name: &str) -> serde_json::Value {
+    serde_json::from_str(&f.text(name)).expect("valid JSON")
+}
 
-impl Folder {
-    fn new(scene: &str) -> Self {
-        let dir = tempfile::tempdir().expect("a temporary folder");
-        std::fs::write(dir.path().join("scene.xml"), scene).expect("a temporary file");
-        Self(dir)
-    }
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-    fn run(&self, args: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_caustica"))
-            .args(args)
-            .current_dir(self.0.path())
-            .output()
-            .expect("the program starts")
-    }
-    #[track_caller]
-    fn succeed(&self, args: &[&str]) -> String {
-        let o = self.run(args);
-        assert!(o.status.success(), "{}", String::from_utf8_lossy(&o.stderr));
-        String::from_utf8_lossy(&o.stdout).into_owned()
-    }
-    #[track_caller]
-    fn fail(&self, args: &[&str], code: i32, parts: &[&str]) {
-        let o = self.run(args);
-        let text = String::from_utf8_lossy(&o.stderr);
-        assert_eq!(o.status.code(), Some(code), "{text}");
-        for part in parts {
-            assert!(text.contains(part), "{part:?} is not in: {text}");
-        }
-    }
-    fn text(&self, name: &str) -> String {
-        std::fs::read_to_string(self.path(name)).expect("a file of the report")
-    }
-    fn json(&self, name: &str) -> serde_json::Value {
-        serde_json::from_str(&self.text(name)).expect("valid JSON")
-    }
-    /// The rows of a table without the columns of times.
-    fn rows(&self, name: &str) -> Vec<Vec<String>> {
-        let text = self.text(name);
-        let names: Vec<&str> = text.lines().next().expect("a header").split(',').collect();
-        let keep = |k: &usize| !["seconds", "cpu_seconds"].contains(&names[*k]);
-        let row = |line: &str| {
-            let cells: Vec<&str> = line.split(',').collect();
-            assert_eq!(cells.len(), names.len(), "{line}");
-            (0..cells.len()).filter(keep).map(|k| cells[k].to_owned()).collect()
-        };
-        text.lines().skip(1).map(row).collect()
-    }
+/// The rows of a table without the columns of times.
+fn rows(f: &Folder, name: &str) -> Vec<Vec<String>> {
+    let text = f.text(name);
+    let names: Vec<&str> = text.lines().next().expect("a header").split(',').collect();
+    let keep = |k: &usize| !["seconds", "cpu_seconds"].contains(&names[*k]);
+    let row = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        assert_eq!(cells.len(), names.len(), "{line}");
+        (0..cells.len()).filter(keep).map(|k| cells[k].to_owned()).collect()
+    };
+    text.lines().skip(1).map(row).collect()
 }
 
 #[test]
 fn a_report_holds_everything_and_repeats_to_the_bit() {
     let f = Folder::new(&scene(32, true));
-    let passes = ["--passes", "6", "--seeds", "2", "-q", "--integrators", "path,photonmapper"];
-    let made = ["converge", "scene.xml", "--reference-time", "1s", "-o", "a"];
-    f.succeed(&[&made[..], &passes[..]].concat());
-    let used = ["converge", "scene.xml", "--reference", "a/reference.exr", "-o", "b"];
-    f.succeed(&[&used[..], &passes[..]].concat());
+    let converge = "converge scene.xml --passes 6 --seeds 2 -q --integrators path,photonmapper";
+    f.succeeds(&format!("{converge} --reference-time 1s -o a"));
+    f.succeeds(&format!("{converge} --reference a/reference.exr -o b"));
     // Errors against passes do not depend on the clock; passes 1 to 6 for two methods and two seeds.
-    let rows = f.rows("a/convergence.csv");
-    assert_eq!(rows.len(), 24);
-    assert_eq!(rows, f.rows("b/convergence.csv"));
+    let made = rows(&f, "a/convergence.csv");
+    assert_eq!(made.len(), 24);
+    assert_eq!(made, rows(&f, "b/convergence.csv"));
     // The page needs nothing from elsewhere.
     let page = f.text("a/report.html");
     for outside in ["src=\"http", "href=\"http", "<script", "<link rel=\"stylesheet", "@import", "url("] {
@@ -105,7 +69,7 @@ fn a_report_holds_everything_and_repeats_to_the_bit() {
     {
         assert!(page.contains(part), "the page lacks {part}");
     }
-    let report = f.json("a/report.json");
+    let report = report(&f, "a/report.json");
     assert_eq!(report["finished"], true);
     assert_eq!(report["series"][1]["method"], "photonmapper");
     assert_eq!(report["series"][0]["runs"][1]["snapshots"].as_array().map(Vec::len), Some(6));
@@ -117,33 +81,27 @@ fn a_report_holds_everything_and_repeats_to_the_bit() {
 #[test]
 fn odd_scenes_and_references_are_explained() {
     let f = Folder::new(&scene(1, true));
-    let quick = ["--passes", "2", "--seeds", "2", "-q", "--integrators", "path"];
-    let with = |args: &[&'static str]| -> Vec<&str> { [&["converge", "scene.xml"], args, &quick].concat() };
-    f.succeed(&with(&["--reference-time", "100ms", "-o", "one"]));
+    let converge = "converge scene.xml --passes 2 --seeds 2 -q --integrators path";
+    f.succeeds(&format!("{converge} --reference-time 100ms -o one"));
     assert!(f.text("one/report.html").contains("one pixel"));
     // A reference of another size, of another scene, of no kind.
-    f.fail(&with(&["--reference", "one/reference.exr", "--width", "8", "--height", "8"]), 2, &["1 x 1", "8 x 8"]);
-    f.fail(
-        &with(&["--reference", "one/reference.exr", "-D", "albedo=0.9"]),
-        2,
-        &["another scene", "--trust-reference"],
-    );
-    f.succeed(&with(&["--reference", "one/reference.exr", "-D", "albedo=0.9", "--trust-reference"]));
-    f.fail(&with(&["--reference", "none.exr"]), 2, &["none.exr"]);
-    f.fail(&["converge", "scene.xml", "--integrators", "pth"], 2, &["pth", "did you mean"]);
+    let with = format!("{converge} --reference one/reference.exr");
+    f.fails(&format!("{with} --width 8 --height 8"), 2, &["1 x 1", "8 x 8"]);
+    f.fails(&format!("{with} -D albedo=0.9"), 2, &["another scene", "--trust-reference"]);
+    f.succeeds(&format!("{with} -D albedo=0.9 --trust-reference"));
+    f.fails(&format!("{converge} --reference none.exr"), 2, &["none.exr"]);
+    f.fails("converge scene.xml --integrators pth", 2, &["pth", "did you mean"]);
     let dark = Folder::new(&scene(4, false));
-    dark.fail(&["converge", "scene.xml", "--passes", "2"], 2, &["no light"]);
+    dark.fails("converge scene.xml --passes 2", 2, &["no light"]);
 }
 
 /// Killed after a second of many: the report of the runs before is whole.
 #[test]
 fn a_killed_run_leaves_a_report() {
     let f = Folder::new(&scene(8, true));
-    f.succeed(&["reference", "scene.xml", "-o", "r.exr", "--passes", "64", "--methods", "path", "-q"]);
-    let mut child = Command::new(env!("CARGO_BIN_EXE_caustica"))
-        .args(["converge", "scene.xml", "--reference", "r.exr", "--time", "100ms", "--seeds", "1000", "-q", "-o", "k"])
-        .args(["--integrators", "path"])
-        .current_dir(f.0.path())
+    f.succeeds("reference scene.xml -o r.exr --passes 64 --methods path -q");
+    let mut child = f
+        .command("converge scene.xml --reference r.exr --time 100ms --seeds 1000 -q -o k --integrators path")
         .spawn()
         .expect("the program starts");
     let started = std::time::Instant::now();
@@ -151,19 +109,19 @@ fn a_killed_run_leaves_a_report() {
         std::thread::sleep(std::time::Duration::from_millis(50));
     }
     child.kill().and_then(|()| child.wait()).expect("the program can be killed");
-    let report = f.json("k/report.json");
+    let report = report(&f, "k/report.json");
     assert_eq!(report["finished"], false);
     assert!(report["series"][0]["runs"].as_array().is_some_and(|r| !r.is_empty()));
     assert!(f.text("k/report.html").contains("Not finished"));
-    assert!(!f.rows("k/convergence.csv").is_empty());
+    assert!(!rows(&f, "k/convergence.csv").is_empty());
 }
 
 #[test]
 fn references_know_their_noise_and_refuse_to_disagree() {
     let f = Folder::new(&scene(32, true));
-    let passes = ["--passes", "16", "-q"];
-    f.succeed(&[&["reference", "scene.xml", "-o", "r.exr", "--methods", "path,bdpt"][..], &passes[..]].concat());
-    let r = caustica::image::read(f.path("r.exr")).expect("a reference");
+    let reference = "reference scene.xml --passes 16 -q";
+    f.succeeds(&format!("{reference} -o r.exr --methods path,bdpt"));
+    let r = f.image("r.exr");
     let note = |key: &str| r.metadata.get(&format!("caustica.reference.{key}")).expect("a note").clone();
     assert_eq!((note("methods"), note("passes")), ("path,bdpt".to_owned(), "16,16".to_owned()));
     // The difference of the halves tells the same noise as the passes do.
@@ -172,20 +130,17 @@ fn references_know_their_noise_and_refuse_to_disagree() {
     let halves: f64 = note("mse").parse().expect("a number");
     assert!((halves / mean).ln().abs() < 1.3f64.ln(), "{halves} from halves, {mean} from passes");
     // Direct light alone is another picture.
-    let wrong = ["reference", "scene.xml", "-o", "w.exr", "--methods", "path,direct"];
-    f.fail(&[&wrong[..], &passes[..]].concat(), 1, &["do not agree", "standard errors"]);
+    f.fails(&format!("{reference} -o w.exr --methods path,direct"), 1, &["do not agree", "standard errors"]);
     assert!(!f.path("w.exr").exists());
-    f.fail(&["reference", "scene.xml", "-o", "w.png"], 2, &[".exr"]);
+    f.fails("reference scene.xml -o w.png", 2, &[".exr"]);
     // compare uses the layers: another render agrees, a brighter one does not.
-    let render =
-        ["render", "scene.xml", "-q", "--integrator", "path", "--float", "--spp", "64", "--aov", "variance", "-o"];
-    f.succeed(&[&render[..], &["x.exr"][..]].concat());
-    f.succeed(&[&render[..], &["y.exr", "-D", "albedo=0.55"][..]].concat());
-    let test = |image: &str| -> serde_json::Value {
-        let text = f.succeed(&["compare", image, "r.exr", "--json", "--heatmap", "h.png"]);
-        serde_json::from_str::<serde_json::Value>(&text).expect("valid JSON")["same_light"]["rejected"].clone()
+    let render = "render scene.xml -q --integrator path --float --spp 64 --aov variance";
+    f.succeeds(&format!("{render} -o x.exr"));
+    f.succeeds(&format!("{render} -o y.exr -D albedo=0.55"));
+    let test = |image: &str| {
+        f.json(&format!("compare {image} r.exr --json --heatmap h.png"))["same_light"]["rejected"].clone()
     };
     assert_eq!((test("x.exr"), test("y.exr")), (false.into(), true.into()));
-    assert!(caustica::image::read(f.path("h.png")).is_ok_and(|h| h.width() >= 256));
-    assert!(f.succeed(&["compare", "x.exr", "r.exr"]).contains("flip"));
+    assert!(f.image("h.png").width() >= 256);
+    assert!(f.succeeds("compare x.exr r.exr").contains("flip"));
 }

@@ -14,27 +14,7 @@ use caustica::render::PlanOverrides;
 #[cfg(feature = "slow-tests")]
 use caustica::render::{Control, Plan, Session, Silent};
 use caustica::scene::Scene;
-use common::{Estimate, backends, scene};
-
-/// A closed unit sphere of albedo ½ with a point light or an emitting wall, whose radiance is 1 everywhere.
-fn sphere(emission: &str, lights: &str) -> String {
-    format!(
-        r#"<scene version="3.0.0">
-  <sensor type="perspective">
-    <float name="fov" value="90"/>
-    <transform name="to_world"><lookat origin="0.1, 0.2, -0.3" target="0.5, 0.1, 1" up="0, 1, 0"/></transform>
-    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/>
-      <rfilter type="box"/></film>
-  </sensor>
-  <shape type="sphere">
-    <boolean name="flip_normals" value="true"/>
-    <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>
-    {emission}
-  </shape>
-  {lights}
-</scene>"#
-    )
-}
+use common::{Estimate, backends, closed_sphere, scene};
 
 fn render(s: &Scene, integrator: &str, passes: u64, photons: u64, seed: u64) -> Image {
     let o = PlanOverrides {
@@ -53,8 +33,8 @@ fn closed_sphere_has_radiance_one() {
     let point = r#"<emitter type="point"><rgb name="intensity" value="3.1415927"/></emitter>"#;
     let wall = r#"<emitter type="area"><rgb name="radiance" value="0.5"/></emitter>"#;
     for accel in backends() {
-        for (name, xml) in [("point light", sphere("", point)), ("emission", sphere(wall, ""))] {
-            let s = scene(&xml, accel);
+        for (name, emission, lights) in [("point light", "", point), ("emission", wall, "")] {
+            let s = scene(&closed_sphere("", "sobol", 0.5, emission, lights), accel);
             for integrator in ["ppm", "sppm"] {
                 let e = Estimate::of((1..=4).map(|seed| common::mean(&render(&s, integrator, 16, 20_000, seed))));
                 e.assert_is(1.0, f64::MAX, 0.005, &format!("{name}, {integrator}, {accel:?}"));

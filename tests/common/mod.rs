@@ -1,6 +1,8 @@
 //! Renders scenes given as text and judges the pictures.
 #![allow(dead_code)]
 
+pub mod program;
+
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -23,6 +25,28 @@ pub fn scene(xml: &str, accel: AccelKind) -> Scene {
         Ok(scene) => scene,
         Err(e) => panic!("{e}\n{xml}"),
     }
+}
+
+/// A closed unit sphere of albedo `rho`, seen from inside; `emission` goes into the sphere.
+pub fn closed_sphere(integrator: &str, sampler: &str, rho: f64, emission: &str, lights: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0">
+  {integrator}
+  <sensor type="perspective">
+    <float name="fov" value="90"/>
+    <transform name="to_world"><lookat origin="0.1, 0.2, -0.3" target="0.5, 0.1, 1" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/>
+      <rfilter type="box"/></film>
+    <sampler type="{sampler}"/>
+  </sensor>
+  <shape type="sphere">
+    <boolean name="flip_normals" value="true"/>
+    <bsdf type="diffuse"><rgb name="reflectance" value="{rho}"/></bsdf>
+    {emission}
+  </shape>
+  {lights}
+</scene>"#
+    )
 }
 
 /// Renders with the scene's own settings but for `overrides`.
