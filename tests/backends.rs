@@ -1,6 +1,6 @@
 //! Embree and the Rust BVH find the same hits, but for counted ties.
 //!
-//! Rays of three classes on three generated meshes: 2·10⁵ of each, 10⁷ with the feature `slow-tests`. The two back ends
+//! Rays of four classes on three generated meshes: 2·10⁵ of each, 10⁷ with the feature `slow-tests`. The two back ends
 //! round differently, so they may differ where a ray passes within rounding error of an edge or runs along a surface.
 //! The same hit is the same triangle at the same point, to 10⁻⁵ of the scene. Everything else is counted by kind:
 //! - a *tie*: different triangles, at distances within 10⁻⁵ of each other, relatively;
@@ -119,7 +119,7 @@ fn agree(name: &str, mesh: TriangleMesh) {
     let set = set_of(mesh);
     let build = |kind| Accel::build(kind, set.clone()).expect("both back ends are built in");
     let (embree, bvh) = (build(AccelKind::Embree), build(AccelKind::Bvh));
-    for class in [Class::Primary, Class::Shadow, Class::Diffuse] {
+    for class in [Class::Primary, Class::Shadow, Class::Diffuse, Class::Photon] {
         let count = count(&set, &embree, &bvh, class);
         println!("{name}, {} triangles, {class:?}: {count:?}", set.shapes[0].primitives());
         assert!(count.rays > RAYS * 9 / 10 && count.hits > count.rays / 100, "{count:?}");

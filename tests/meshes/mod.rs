@@ -5,7 +5,7 @@ use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
 use caustica::accel::Accel;
-use caustica::geometry::{GeometrySet, Ray, Shape, TriangleMesh};
+use caustica::geometry::{GeometrySet, Ray, Shape, SurfaceInteraction, TriangleMesh};
 use caustica::math::{Frame, Vec2, Vec3};
 use caustica::sample::{Key, Sampler, Sequence, warp};
 
@@ -98,6 +98,8 @@ pub enum Class {
     Shadow,
     /// From such a point along a cosine-distributed direction.
     Diffuse,
+    /// From a light near the middle, or from where its light has gone after one to three diffuse reflections.
+    Photon,
 }
 
 /// Ray number `index` of `count`; `None` where its primary ray leaves the scene.
@@ -107,8 +109,10 @@ pub fn ray(class: Class, set: &GeometrySet, accel: &Accel, count: u64, index: u6
     let side = (count as f32).sqrt().ceil();
     let pixel = Vec2::new((index % side as u64) as f32, (index / side as u64) as f32) + s.next_2d();
     let primary = Ray::new(Vec3::new(0.031, -0.023, 0.017), warp::uniform_sphere(pixel / side));
-    if matches!(class, Class::Primary) {
-        return Some(primary);
+    match class {
+        Class::Primary => return Some(primary),
+        Class::Photon => return photon_ray(set, accel, &mut s, index % 4),
+        _ => {}
     }
     let si = set.interaction(&primary, &accel.intersect(&primary)?);
     match class {
@@ -117,10 +121,22 @@ pub fn ray(class: Class, set: &GeometrySet, accel: &Accel, count: u64, index: u6
             let o = si.spawn_origin(to - si.p);
             Some(Ray::segment(o, to - o, 1.0))
         }
-        _ => {
-            let facing = if si.ng.dot(si.wo) < 0.0 { -si.ng } else { si.ng };
-            let d = Frame::from_normal(facing).to_world(warp::cosine_hemisphere(s.next_2d()));
-            Some(Ray::new(si.spawn_origin(d), d))
-        }
+        _ => Some(scattered(&si, &mut s)),
     }
+}
+
+/// A ray that a diffuse surface sends back to the side from which it was seen.
+fn scattered(si: &SurfaceInteraction, s: &mut Sampler) -> Ray {
+    let facing = if si.ng.dot(si.wo) < 0.0 { -si.ng } else { si.ng };
+    let d = Frame::from_normal(facing).to_world(warp::cosine_hemisphere(s.next_2d()));
+    Ray::new(si.spawn_origin(d), d)
+}
+
+/// The edge of a photon path that follows `bounces` reflections; `None` where the path leaves the scene before.
+fn photon_ray(set: &GeometrySet, accel: &Accel, s: &mut Sampler, bounces: u64) -> Option<Ray> {
+    let mut ray = Ray::new(Vec3::new(-0.13, 0.21, 0.34), warp::uniform_sphere(s.next_2d()));
+    for _ in 0..bounces {
+        ray = scattered(&set.interaction(&ray, &accel.intersect(&ray)?), s);
+    }
+    Some(ray)
 }
