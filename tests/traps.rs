@@ -5,7 +5,7 @@ mod common;
 
 use caustica::accel::AccelKind;
 use caustica::color::{Rgb, rgbe};
-use caustica::gather::{LookupSettings, MapEstimate, PhotonMaps};
+use caustica::gather::{AreaSettings, LookupSettings, MapEstimate, PhotonMaps};
 use caustica::geometry::{Ray, SurfaceInteraction};
 use caustica::integrator::sppm::radius_sq_ratio;
 use caustica::math::Vec3;
@@ -53,6 +53,7 @@ fn lookup(size: u32, radius: f32) -> LookupSettings {
         global_radius: radius,
         caustic_radius: radius,
         kernel: Kernel::Epanechnikov,
+        area: AreaSettings::default(),
     }
 }
 

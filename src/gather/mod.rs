@@ -1,11 +1,13 @@
 //! Estimates of radiance at a point: direct light, density of photons, final gather.
 
+mod area;
 pub mod cache;
 mod direct;
 mod fixed;
 mod irradiance;
 mod photons;
 
+pub use area::AreaSettings;
 pub use direct::{MetLight, met_light, power_heuristic, sample_direct, sample_lobe_light};
 pub use fixed::{RadiusEstimate, RadiusMap};
 pub use photons::{LookupSettings, MapEstimate, PhotonMaps};

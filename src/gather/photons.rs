@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 
+use super::area::{self, AreaSettings};
 use super::irradiance::IrradianceMap;
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
@@ -22,6 +23,7 @@ pub struct LookupSettings {
     /// Largest radius of an estimate from the caustic map.
     pub caustic_radius: f32,
     pub kernel: Kernel,
+    pub area: AreaSettings,
 }
 
 /// A density estimate.
@@ -45,6 +47,8 @@ pub(super) struct Lookup {
     size: usize,
     max_radius_sq: f32,
     kernel: Kernel,
+    /// Only where it asks for anything.
+    area: Option<AreaSettings>,
     irradiance: Option<IrradianceMap>,
 }
 
@@ -63,12 +67,14 @@ thread_local! {
 impl PhotonMaps {
     /// Takes the caustic map. `scene_radius` is that of the scene's bounding sphere.
     pub fn set_caustic(&mut self, map: PhotonMap, lookup: &LookupSettings, scene_radius: f32) {
-        self.caustic = Lookup::new(map, lookup.caustic_size, lookup.caustic_radius * scene_radius, lookup.kernel);
+        let found = Lookup::new(map, lookup.caustic_size, lookup.caustic_radius * scene_radius, lookup.kernel);
+        self.caustic = found.map(|l| l.with_area(lookup.area));
     }
 
     /// Takes the map that indirect light comes from. `scene_radius` is that of the scene's bounding sphere.
     pub fn set_global(&mut self, map: PhotonMap, lookup: &LookupSettings, scene_radius: f32) {
-        self.global = Lookup::new(map, lookup.global_size, lookup.global_radius * scene_radius, lookup.kernel);
+        let found = Lookup::new(map, lookup.global_size, lookup.global_radius * scene_radius, lookup.kernel);
+        self.global = found.map(|l| l.with_area(lookup.area));
     }
 
     /// Computes irradiance beforehand at some of the global map's photons; Lambertian surfaces then look it up.
@@ -137,7 +143,19 @@ impl PhotonMaps {
 impl Lookup {
     pub(super) fn new(map: PhotonMap, size: u32, radius: f32, kernel: Kernel) -> Option<Self> {
         let size = size.max(1) as usize;
-        (!map.is_empty()).then_some(Self { map, size, max_radius_sq: radius * radius, kernel, irradiance: None })
+        (!map.is_empty()).then_some(Self {
+            map,
+            size,
+            max_radius_sq: radius * radius,
+            kernel,
+            area: None,
+            irradiance: None,
+        })
+    }
+
+    /// Reads the map with another area than the disc's.
+    pub(super) fn with_area(self, area: AreaSettings) -> Self {
+        Self { area: (area != AreaSettings::default()).then_some(area), ..self }
     }
 
     /// Photons in an estimate.
@@ -223,6 +241,9 @@ impl Lookup {
             return None;
         }
         let kernel = self.kernel;
+        if let Some(area) = &self.area {
+            return Some(area::sum(area, (&self.map, &found), (p, ng), kernel, term));
+        }
         let sum = if found.full {
             found.iter().map(|(i, d_sq)| term(i) * kernel.nearest_weight(d_sq, radius_sq)).sum()
         } else {

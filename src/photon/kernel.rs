@@ -81,34 +81,52 @@ const GAUSSIAN_RANGE: f32 = 0.858_152_1;
 /// Mean of [`gaussian`] over the disc: `α (1 − (1 − (1 − e^(−β/2))/(β/2)) / (1 − e^−β))`.
 const GAUSSIAN_MEAN: f32 = 0.531_154_9;
 
-/// Area of the convex hull of points in a plane, m²; 0 with fewer than three.
-///
-/// Instead of the disc's `π r²`, the area the photons really cover: at borders and in corners it does not darken
-/// [Jensen 2001, section 7.1]. The points are reordered.
-pub fn hull_area(points: &mut [DVec2]) -> f64 {
-    if points.len() < 3 {
-        return 0.0;
-    }
-    points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-    // Monotone chains [Andrew 1979]: the shoelace sums of the lower chain from left to right and the upper one back.
-    0.5 * (chain(points.iter().copied()) + chain(points.iter().rev().copied())).abs()
+/// The convex hull of points in a plane.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Hull {
+    /// m²; 0 with fewer than three points.
+    pub area: f64,
+    /// Indices of the points at its corners.
+    pub vertices: Vec<u32>,
 }
 
-/// Shoelace sum `Σ a × b` over the edges of the chain that turns left only.
-fn chain(points: impl Iterator<Item = DVec2>) -> f64 {
-    let mut hull: Vec<DVec2> = Vec::new();
-    for p in points {
+/// The convex hull of points in a plane.
+///
+/// Instead of the disc's `π r²`, the area the photons really cover: at borders and in corners it does not darken
+/// [Jensen 2001, section 7.1].
+pub fn convex_hull(points: &[DVec2]) -> Hull {
+    let mut order: Vec<u32> = (0..points.len() as u32).collect();
+    let at = |i: u32| points[i as usize];
+    order.sort_unstable_by(|&a, &b| at(a).x.total_cmp(&at(b).x).then(at(a).y.total_cmp(&at(b).y)).then(a.cmp(&b)));
+    // Monotone chains [Andrew 1979]: the lower one from left to right and the upper one back.
+    let (mut vertices, upper) = (chain(points, order.iter()), chain(points, order.iter().rev()));
+    let sum = shoelace(points, &vertices) + shoelace(points, &upper);
+    // The two chains share their ends.
+    vertices.extend(upper.get(1..upper.len().saturating_sub(1)).unwrap_or_default());
+    Hull { area: 0.5 * sum.abs(), vertices }
+}
+
+/// The points of the chain that turns left only.
+fn chain<'a>(points: &[DVec2], order: impl Iterator<Item = &'a u32>) -> Vec<u32> {
+    let mut hull: Vec<u32> = Vec::new();
+    for &i in order {
+        let p = points[i as usize];
         while let [.., a, b] = hull[..] {
+            let (a, b) = (points[a as usize], points[b as usize]);
             if (b - a).perp_dot(p - b) > 0.0 {
                 break;
             }
             hull.pop();
         }
-        hull.push(p);
+        hull.push(i);
     }
-    // Relative to the first point, so that no digits cancel far from the origin.
-    let o = hull.first().copied().unwrap_or_default();
-    hull.windows(2).map(|e| (e[0] - o).perp_dot(e[1] - o)).sum()
+    hull
+}
+
+/// `Σ a × b` over the edges of a chain, relative to its first point, so that no digits cancel far from the origin.
+fn shoelace(points: &[DVec2], chain: &[u32]) -> f64 {
+    let at = |i: u32| points[i as usize] - points[chain[0] as usize];
+    chain.windows(2).map(|e| at(e[0]).perp_dot(at(e[1]))).sum()
 }
 
 #[cfg(test)]
@@ -184,14 +202,18 @@ mod tests {
     fn hulls_of_known_shapes() {
         let mut square: Vec<DVec2> = (0..500).map(|i| DVec2::new(uniform(2 * i), uniform(2 * i + 1))).collect();
         square.extend([DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE, DVec2::ONE]);
-        assert!((hull_area(&mut square) - 1.0).abs() < 1e-12);
-        let mut circle: Vec<DVec2> =
-            (0..360).map(|i| 1e6 + 2.0 * DVec2::from_angle(f64::from(i).to_radians())).collect();
+        let hull = convex_hull(&square);
+        assert!((hull.area - 1.0).abs() < 1e-12);
+        let mut corners = hull.vertices.clone();
+        corners.sort_unstable();
+        // The last two points are the same corner.
+        assert!(corners.len() == 4 && corners[..3] == [500, 501, 502] && corners[3] >= 503, "{corners:?}");
+        let circle: Vec<DVec2> = (0..360).map(|i| 1e6 + 2.0 * DVec2::from_angle(f64::from(i).to_radians())).collect();
         let expected = 0.5 * 360.0 * 4.0 * 1f64.to_radians().sin();
-        assert!((hull_area(&mut circle) / expected - 1.0).abs() < 1e-8);
-        let mut line: Vec<DVec2> = (0..10).map(|i| DVec2::new(f64::from(i), 2.0 * f64::from(i))).collect();
-        assert!(hull_area(&mut line).abs() < 1e-12);
-        assert_eq!(hull_area(&mut [DVec2::ONE; 7]), 0.0);
-        assert_eq!(hull_area(&mut []), 0.0);
+        assert!((convex_hull(&circle).area / expected - 1.0).abs() < 1e-8);
+        let line: Vec<DVec2> = (0..10).map(|i| DVec2::new(f64::from(i), 2.0 * f64::from(i))).collect();
+        assert!(convex_hull(&line).area.abs() < 1e-12);
+        assert_eq!(convex_hull(&[DVec2::ONE; 7]).area, 0.0);
+        assert_eq!(convex_hull(&[]), Hull::default());
     }
 }

@@ -26,7 +26,7 @@ mod tests;
 mod x86;
 
 pub use file::{MapFile, MapFileError, MapFileInfo};
-pub use kernel::{GAUSSIAN_ALPHA, GAUSSIAN_BETA, Kernel, hull_area};
+pub use kernel::{GAUSSIAN_ALPHA, GAUSSIAN_BETA, Hull, Kernel, convex_hull};
 pub use map::PhotonMap;
 pub use order::{morton_code, morton_order};
 pub use packed::{Flags, MAX_COORDINATE, Photon, PhotonClass, PhotonRecord, Rejected};

@@ -1,8 +1,8 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::gather::LookupSettings;
 use crate::gather::cache::CacheSettings;
+use crate::gather::{AreaSettings, LookupSettings};
 use crate::integrator::vcm::Merging;
 use crate::integrator::{Direct, Layer, MaxDepth, Path, PhotonMapperSettings, SppmSettings, VcmSettings};
 use crate::photon::MapFile;
@@ -302,6 +302,7 @@ fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u6
         s.integer(name).filter(|_| own).and_then(|v| u64::try_from(v).ok()).unwrap_or(default)
     };
     let float = |name: &str, default: f32| s.float(name).filter(|_| own).unwrap_or(default);
+    let switch = |name: &str, default: bool| s.boolean(name).filter(|_| own).unwrap_or(default);
     let lookup_size = integer("lookup_size", 100) as u32;
     PhotonMapperSettings {
         max_depth: max_depth(s),
@@ -310,11 +311,11 @@ fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u6
         direct_samples: integer("direct_samples", 1).max(1) as u32,
         global_photons: photons.unwrap_or_else(|| integer("global_photons", 250_000)),
         caustic_photons: photons.unwrap_or_else(|| integer("caustic_photons", 250_000)),
-        final_gather: s.boolean("final_gather").filter(|_| own).unwrap_or(true),
+        final_gather: switch("final_gather", true),
         // About 64 gather rays a pixel at least, whatever the number of camera samples.
         final_gather_samples: integer("final_gather_samples", (64 / spp).max(1)) as u32,
-        guided_emission: s.boolean("guided_emission").filter(|_| own).unwrap_or(true),
-        irradiance_photons: s.boolean("irradiance_photons").filter(|_| own).unwrap_or(true),
+        guided_emission: switch("guided_emission", true),
+        irradiance_photons: switch("irradiance_photons", true),
         irradiance_cache: s.boolean("irradiance_cache").filter(|&on| own && on).map(|_| cache(s)),
         lookup: LookupSettings {
             global_size: lookup_size,
@@ -322,6 +323,11 @@ fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u6
             global_radius: float("global_lookup_radius", 0.05),
             caustic_radius: float("caustic_lookup_radius", 0.0125),
             kernel: crate::photon::Kernel::Epanechnikov,
+            area: AreaSettings {
+                disc_height: Some(float("disc_height", 0.0)).filter(|&h| h > 0.0),
+                convex_hull: switch("convex_hull", false),
+                even: switch("even_photons", false),
+            },
         },
     }
 }

@@ -6,7 +6,7 @@ use super::super::optics::*;
 use super::super::probe::{Probe, load};
 use super::super::xml::*;
 use crate::accel::AccelKind;
-use crate::gather::{LookupSettings, PhotonMaps};
+use crate::gather::{AreaSettings, LookupSettings, PhotonMaps};
 use crate::geometry::{Ray, TriangleMesh};
 use crate::math::{DVec3, Vec3};
 use crate::photon::{Kernel, PhotonMap};
@@ -227,6 +227,7 @@ fn radiance_from_map(accel: AccelKind, bsdf: &str, degrees: f64, seed: u64) -> f
         global_radius: 0.5,
         caustic_radius: 0.5,
         kernel: Kernel::Epanechnikov,
+        area: AreaSettings::default(),
     };
     let mut maps = PhotonMaps::default();
     maps.set_global(PhotonMap::build(shot.photons), &lookup, scene.bounding_sphere().1);
