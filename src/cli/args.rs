@@ -464,6 +464,14 @@ pub enum GeneratedMesh {
     DisplacedSphere,
     /// Spheres on spheres, nine on each.
     Sphereflake,
+    /// A lone peak over the square from -1 to 1 in x and y, heights along z.
+    Mountain,
+    /// A brandy glass that stands on z = 0, 2.8 high: where glass meets air.
+    Snifter,
+    /// Where the brandy glass meets its drink.
+    SnifterWet,
+    /// The surface of the drink.
+    SnifterDrink,
 }
 
 #[derive(Debug, Args)]

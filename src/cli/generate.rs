@@ -3,6 +3,7 @@
 use super::args::{GenerateArgs, GeneratedMesh};
 use super::{CliError, human, print};
 use crate::geometry::generate;
+use crate::geometry::lathe::{Snifter, snifter};
 use crate::scene::mesh_io::{PlyMesh, write_ply};
 
 pub fn run(a: &GenerateArgs) -> Result<u8, CliError> {
@@ -17,6 +18,10 @@ pub fn run(a: &GenerateArgs) -> Result<u8, CliError> {
         GeneratedMesh::Terrain => generate::terrain(triangles, a.seed),
         GeneratedMesh::DisplacedSphere => generate::displaced_sphere(triangles, a.seed),
         GeneratedMesh::Sphereflake => generate::sphereflake(triangles),
+        GeneratedMesh::Mountain => generate::mountain(triangles, a.seed),
+        GeneratedMesh::Snifter => snifter(Snifter::Glass, triangles),
+        GeneratedMesh::SnifterWet => snifter(Snifter::Wet, triangles),
+        GeneratedMesh::SnifterDrink => snifter(Snifter::Drink, triangles),
     };
     let ply = PlyMesh {
         positions: mesh.positions.as_slice(),

@@ -46,11 +46,30 @@ fn fractal(seed: u64, p: DVec3, octaves: u32) -> f64 {
 
 /// A mountainous square `[−1, 1]²` in x and y, heights along z, of about (never fewer than) `triangles` triangles.
 pub fn terrain(triangles: usize, seed: u64) -> TriangleMesh {
+    field(triangles, |x, y| 0.25 * fractal(seed, DVec3::new(2.5 * x, 2.5 * y, 0.5), 10))
+}
+
+/// A lone peak with four ridges over the square `[−1, 1]²`, about 1.1 high along z, of about (never fewer than) `triangles`
+/// triangles.
+pub fn mountain(triangles: usize, seed: u64) -> TriangleMesh {
+    field(triangles, |x, y| {
+        // Bend the ridges a little, as a real mountain's are, more so towards the foot.
+        let bend = |k: f64| 0.12 * fractal(seed, DVec3::new(1.5 * x, 1.5 * y, k), 3) * (x * x + y * y).sqrt();
+        let (u, v) = (x + bend(11.5), y + bend(23.5));
+        // Ridges where a coordinate is 0; the flanks between them are hollow.
+        let d = (u.abs() + v.abs()).hypot(0.03);
+        let rocks = 0.16 * fractal(seed, DVec3::new(3.0 * x, 3.0 * y, 0.5), 9) * (0.25 + d.min(1.0));
+        1.15 * (-2.1 * d).exp() + rocks
+    })
+}
+
+/// Heights over the square `[−1, 1]²`.
+fn field(triangles: usize, height: impl Fn(f64, f64) -> f64 + Sync) -> TriangleMesh {
     let n = (((triangles as f64 / 2.0).sqrt().ceil()) as usize).max(1);
     let row = n + 1;
     let point = |i: usize| {
         let (x, y) = ((i % row) as f64 / n as f64 * 2.0 - 1.0, (i / row) as f64 / n as f64 * 2.0 - 1.0);
-        DVec3::new(x, y, 0.25 * fractal(seed, DVec3::new(2.5 * x, 2.5 * y, 0.5), 10)).as_vec3()
+        DVec3::new(x, y, height(x, y)).as_vec3()
     };
     let positions: Vec<Vec3> = (0..row * row).into_par_iter().map(point).collect();
     let cell = |i: usize| {
@@ -213,6 +232,16 @@ mod tests {
         let one = 4.0 / 3.0 * PI / 8.0;
         let expected = one * (1.0 + 1.0 / 3.0);
         assert!((volume(&flake) / expected - 1.0).abs() < 0.1, "{} {expected}", volume(&flake));
+    }
+
+    #[test]
+    fn a_mountain_has_one_top_near_its_middle() {
+        for seed in 0..4 {
+            let m = mountain(5000, seed);
+            assert!(m.indices.len() >= 5000);
+            let top = m.positions.as_slice().iter().copied().max_by(|a, b| a.z.total_cmp(&b.z)).expect("vertices");
+            assert!(top.z > 0.9 && top.z < 1.3 && top.truncate().length() < 0.2, "seed {seed}: {top}");
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Rays, triangle meshes, analytic shapes, hits and what is known about the point that was hit.
 
 pub mod generate;
+pub mod lathe;
 mod mesh;
 mod outlook;
 mod quadric;
