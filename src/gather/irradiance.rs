@@ -1,8 +1,13 @@
 //! Irradiance looked up rather than estimated: computed beforehand at some of the photons [Christensen 1999].
 //!
-//! One photon in each small cell of the surfaces is chosen, and a hash table finds the cell of a point at once; asking the
-//! photon heap for the nearest of them would cost more than the gather ray that wants to know. Cells are smaller than the
-//! discs of the estimates in them, so that the photon of the cell serves as well as the nearest one.
+//! One point in each small cell of the surfaces is chosen, amid the photons there, and a hash table finds the cell of a
+//! point at once; asking the photon heap for the nearest of them would cost more than the gather ray that wants to know.
+//! Cells are smaller than the discs of the estimates in them, so that the point of the cell serves as well as the nearest.
+//!
+//! A point that follows the photons finds more of them near it than one that knows nothing of them. The mean of n photons
+//! in a cell, where they lie at random with the mean square distance σ² from their expected middle, has them (n − 1)σ² off in
+//! sum; the mean of n other photons would be nσ² + σ² off. The difference of 2σ² is added to the distance of one photon:
+//! without that, estimates from k photons are too large by as much as 2/k.
 
 use rayon::prelude::*;
 
@@ -35,6 +40,40 @@ struct Cell {
     radius_sq: f32,
     /// Normal and side of the surface.
     flags: Flags,
+}
+
+/// A photon and its cell.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Placed {
+    key: u64,
+    /// The bits of the squared distance from the middle of the cell: they are in the order of the numbers.
+    distance: u32,
+    photon: u32,
+    /// Binary logarithm of the cell's side.
+    level: i32,
+}
+
+impl Cell {
+    /// The estimate at the mean position of the photons of a cell, on the surface that the first of them is on.
+    fn estimate(lookup: &Lookup, group: &[Placed], scratch: &mut KnnScratch) -> Option<Self> {
+        let photons = &lookup.map;
+        let flags = photons.flags(group[0].photon);
+        let n = group.len() as f32;
+        let middle = group.iter().map(|g| photons.position(g.photon)).sum::<Vec3>() / n;
+        let (irradiance, radius_sq) = lookup.irradiance(middle, flags.normal(), flags.side(), scratch)?;
+        // Take one photon off by as much as they all are too near.
+        let spread_sq = if group.len() > 1 {
+            group.iter().map(|g| photons.position(g.photon).distance_squared(middle)).sum::<f32>() / (n - 1.0)
+        } else {
+            exp2(group[0].level).powi(2) / 6.0
+        };
+        let kernel = lookup.kernel;
+        let too_near = kernel.weight(0.0, radius_sq) - kernel.weight(2.0 * spread_sq, radius_sq);
+        let power = group.iter().map(|g| photons.power(g.photon)).sum::<Rgb>() / n;
+        let irradiance = irradiance.zip(power, |e, p| (e - p * too_near).max(0.0));
+        let flags = Flags::new(flags.side(), PhotonClass::Irradiance, false, flags.normal());
+        Some(Self { key: group[0].key, irradiance, radius_sq, flags })
+    }
 }
 
 /// Precomputed irradiances in cells of the surfaces.
@@ -71,8 +110,8 @@ impl IrradianceMap {
         levels.par_sort_unstable();
         levels.dedup_by_key(|(key, _)| *key);
         map.levels = Table::new(levels);
-        // Choose the photon nearest to the middle of each cell.
-        let mut chosen: Vec<(u64, u32, u32)> = (0..photons.len() as u32)
+        // Sort photons by cell, from the middle of each outwards.
+        let mut placed: Vec<Placed> = (0..photons.len() as u32)
             .into_par_iter()
             .map(|i| {
                 let (p, flags) = (photons.position(i), photons.flags(i));
@@ -80,23 +119,17 @@ impl IrradianceMap {
                 let level = map.level_at(p, facing);
                 let side = exp2(level);
                 let middle = ((p / side).floor() + 0.5) * side;
-                (key(p, level, facing), p.distance_squared(middle).to_bits(), i)
+                Placed { key: key(p, level, facing), distance: p.distance_squared(middle).to_bits(), photon: i, level }
             })
             .collect();
-        chosen.par_sort_unstable();
-        chosen.dedup_by_key(|(key, ..)| *key);
-        // Estimate there.
-        let cells = chosen
+        placed.par_sort_unstable();
+        // Estimate amid the photons of each.
+        let groups: Vec<&[Placed]> = placed.chunk_by(|a, b| a.key == b.key).collect();
+        let cells = groups
             .par_chunks(256)
             .flat_map_iter(|chunk| {
                 let mut scratch = KnnScratch::new();
-                let cell = |&(key, _, i): &(u64, u32, u32)| {
-                    let (p, flags) = (photons.position(i), photons.flags(i));
-                    let (irradiance, radius_sq) = lookup.irradiance(p, flags.normal(), flags.side(), &mut scratch)?;
-                    let flags = Flags::new(flags.side(), PhotonClass::Irradiance, false, flags.normal());
-                    Some(Cell { key, irradiance, radius_sq, flags })
-                };
-                chunk.iter().filter_map(cell).collect::<Vec<_>>()
+                chunk.iter().filter_map(|group| Cell::estimate(lookup, group, &mut scratch)).collect::<Vec<_>>()
             })
             .collect();
         map.cells = Table::new(cells);
@@ -236,6 +269,12 @@ mod tests {
 
     /// Photons of one watt each on both sides of the square |x|, |y| < 1 at z = 0: 20 000 above, 5 000 below.
     fn sheet() -> Lookup {
+        sheet_of(0, 100)
+    }
+
+    /// One of many such sheets, read with `size` photons.
+    fn sheet_of(salt: u64, size: u32) -> Lookup {
+        let uniform = |i: u64| uniform(i + salt * 1_000_003);
         let photons = (0..25_000u64)
             .map(|i| {
                 let above = i < 20_000;
@@ -251,7 +290,7 @@ mod tests {
                 Photon::pack(&record, i).expect("a storable photon")
             })
             .collect();
-        Lookup::new(PhotonMap::build(photons), 100, 0.5, Kernel::Epanechnikov).expect("photons")
+        Lookup::new(PhotonMap::build(photons), size, 0.5, Kernel::Epanechnikov).expect("photons")
     }
 
     #[test]
@@ -278,8 +317,28 @@ mod tests {
         assert!(map.lookup(Vec3::new(0.0, 0.0, 0.5), Vec3::Z, true).is_none());
     }
 
+    /// Points that follow the photons do not find more light for it. 16 sheets of 500 discs with 20 photons and a relative σ of
+    /// 0.28 each: the mean has a standard error of 0.3 %. Estimates at the photon nearest to the middle of each cell are
+    /// 1.7 % too large.
     #[test]
-    fn equals_the_estimate_at_some_photon_of_the_cell() {
+    fn few_photons_are_no_more_light() {
+        let (mut sum, mut known) = (0.0, 0);
+        for salt in 1..=16 {
+            let map = IrradianceMap::precompute(&sheet_of(salt, 20));
+            for i in 0..4000 {
+                let p = Vec3::new(1.4 * uniform(7 * i) - 0.7, 1.4 * uniform(7 * i + 1) - 0.7, 0.0);
+                let Some((irradiance, _)) = map.lookup(p, Vec3::Z, true) else { continue };
+                sum += f64::from(irradiance.g);
+                known += 1;
+            }
+        }
+        let off = sum / f64::from(known) / 5000.0 - 1.0;
+        println!("{off}, {known} known");
+        assert!(off.abs() < 0.01, "{off}");
+    }
+
+    #[test]
+    fn is_near_the_estimate_at_each_photon_of_the_cell() {
         let lookup = sheet();
         let map = IrradianceMap::precompute(&lookup);
         let mut scratch = KnnScratch::new();

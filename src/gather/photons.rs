@@ -46,7 +46,7 @@ pub(super) struct Lookup {
     pub(super) map: PhotonMap,
     size: usize,
     max_radius_sq: f32,
-    kernel: Kernel,
+    pub(super) kernel: Kernel,
     /// Only where it asks for anything.
     area: Option<AreaSettings>,
     irradiance: Option<IrradianceMap>,
