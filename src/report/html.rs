@@ -330,6 +330,7 @@ fn circumstances(e: &Experiment, entries: &[Entry]) -> String {
         r.relmse.map_or("unknown".to_owned(), |v| format!("relMSE {}", number(v))),
     )
     .expect("strings take all that is written");
+    text += &overhead(entries);
     text += "<details><summary>Parameters of the methods</summary><ul>";
     for x in entries {
         write!(
@@ -348,6 +349,32 @@ fn circumstances(e: &Experiment, entries: &[Entry]) -> String {
             .expect("strings take all that is written");
     }
     text + "</table></div></details>"
+}
+
+/// What measuring cost, beside the methods' time and in it.
+fn overhead(entries: &[Entry]) -> String {
+    let mut text = "<p>What snapshots cost. While they are taken and measured the clock stands still; caches that they leave \
+                    cold may still slow down the pass that follows. The last column is how much the passes after snapshots \
+                    took longer than the passes after those, times the number of snapshots, over the method's time, with the \
+                    95 % interval.</p><div class=\"scroll\"><table><tr><th>method</th><th>snapshots a run</th>\
+                    <th>clock stopped for</th><th>added to the method's time</th></tr>"
+        .to_owned();
+    for x in entries {
+        let o = x.outcome.overhead;
+        let added = o.added.map_or("too few passes".to_owned(), |i| {
+            format!("{:.2} ± {:.2} %", 100.0 * i.mean, 100.0 * i.half_width.unwrap_or(f64::INFINITY))
+        });
+        write!(
+            text,
+            "<tr><td>{}</td><td>{:.0}</td><td>{:.1} % of its time</td><td>{}</td></tr>",
+            escape(&x.label),
+            o.snapshots,
+            100.0 * o.clock_stopped,
+            added.replace('-', "−")
+        )
+        .expect("strings take all that is written");
+    }
+    text + "</table></div>"
 }
 
 /// Three significant digits, powers of ten where they are shorter.

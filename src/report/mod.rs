@@ -23,7 +23,7 @@ pub use experiment::{Experiment, ExperimentError, ExperimentSettings, Watch};
 pub use machine::Machine;
 pub use reference::{Reference, ReferenceError, ReferenceSettings};
 pub use run::{Budget, Run, Snapshot};
-pub use series::{Outcome, Point, Reached, Series, Split, THRESHOLDS};
+pub use series::{Outcome, Overhead, Point, Reached, Series, Split, THRESHOLDS};
 
 use crate::image::replace_file;
 

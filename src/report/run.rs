@@ -54,6 +54,9 @@ pub struct Run {
     pub build_seconds: f64,
     /// Seconds that snapshots took, in nobody's time.
     pub snapshot_seconds: f64,
+    /// Seconds by which passes right after a snapshot took longer than the passes after them: what snapshots do to the
+    /// method's own time, by caches that they leave cold. Only where the second of the two had no snapshot before it.
+    pub slower_after: Vec<f64>,
     pub finished: bool,
     pub snapshots: Vec<Snapshot>,
 }
@@ -61,7 +64,14 @@ pub struct Run {
 impl Run {
     /// A run that has just built its tree.
     pub fn empty(seed: u64, build_seconds: f64) -> Self {
-        Self { seed, build_seconds, snapshot_seconds: 0.0, finished: false, snapshots: Vec::new() }
+        Self {
+            seed,
+            build_seconds,
+            snapshot_seconds: 0.0,
+            slower_after: Vec::new(),
+            finished: false,
+            snapshots: Vec::new(),
+        }
     }
 }
 
@@ -89,12 +99,19 @@ pub fn measure(
     let mut session = Session::new(scene, plan);
     seconds += started.elapsed().as_secs_f64();
     let mut due = 1;
+    // The time of a pass right after a snapshot, until the next pass is there to compare it with.
+    let (mut after_snapshot, mut snapshot_before) = (None, false);
     loop {
         // Let the clock run for the pass alone.
         let cpu_before = cpu_seconds();
         let started = Instant::now();
         session.step(control);
-        seconds += started.elapsed().as_secs_f64();
+        let of_pass = started.elapsed().as_secs_f64();
+        seconds += of_pass;
+        if let Some(cold) = after_snapshot.take().filter(|_| !snapshot_before) {
+            run.slower_after.push(cold - of_pass);
+        }
+        after_snapshot = snapshot_before.then_some(of_pass);
         cpu = cpu.zip(cpu_before).zip(cpu_seconds()).map(|((sum, before), after)| sum + after - before);
         let passes = session.passes();
         let over = match budget.passes {
@@ -103,7 +120,8 @@ pub fn measure(
             None => seconds + 0.5 * seconds / passes as f64 >= budget.seconds,
         } || session.finished();
         let stopped = control.stop.load(std::sync::atomic::Ordering::Relaxed);
-        if passes == due || over || stopped {
+        snapshot_before = passes == due || over || stopped;
+        if snapshot_before {
             let measuring = Instant::now();
             let image = session.image();
             let error = compare(&image, &reference.image)?;

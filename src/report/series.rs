@@ -119,6 +119,18 @@ pub struct Outcome {
     pub time_slope: Option<Interval>,
     pub hidden: bool,
     pub split: Option<Split>,
+    pub overhead: Overhead,
+}
+
+/// What measuring cost.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Overhead {
+    /// Snapshots of a run; the median over seeds.
+    pub snapshots: f64,
+    /// Time for which they stopped the clock, over the time that it ran.
+    pub clock_stopped: f64,
+    /// The share of the method's own time that they added to it; `None` with too few passes to tell.
+    pub added: Option<Interval>,
 }
 
 impl Series {
@@ -235,7 +247,24 @@ impl Series {
             time_slope: fit(&|s| s.seconds),
             hidden: last.iter().any(|s| s.hidden),
             split,
+            overhead: self.overhead(),
         })
+    }
+
+    /// Passes right after a snapshot against the passes after those, in all runs.
+    fn overhead(&self) -> Overhead {
+        let runs = || self.runs.iter().filter_map(|r| Some((r, r.snapshots.last()?.seconds)));
+        let total = |f: &dyn Fn(&Run, f64) -> f64| runs().map(|(r, seconds)| f(r, seconds)).sum::<f64>();
+        let shares = |r: &Run, seconds: f64| {
+            let snapshots = r.snapshots.len() as f64;
+            r.slower_after.iter().map(move |slower| slower * snapshots / seconds).collect::<Vec<_>>()
+        };
+        let added: Vec<f64> = runs().flat_map(|(r, seconds)| shares(r, seconds)).collect();
+        Overhead {
+            snapshots: quartiles(self.runs.iter().map(|r| r.snapshots.len() as f64))[1],
+            clock_stopped: total(&|r, _| r.snapshot_seconds) / total(&|_, seconds| seconds),
+            added: mean_interval(&added).filter(|i| i.half_width.is_some()),
+        }
     }
 
     fn reached(&self, relmse: f64) -> Reached {

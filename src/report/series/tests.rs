@@ -77,6 +77,26 @@ fn curves_slopes_and_crossings_of_known_errors() {
     assert!(o.reached[2].seconds.is_none() && !o.reached[0].at_once);
 }
 
+/// Passes after two snapshots took 1 and 3 ms longer than those that followed, and every snapshot is taken to cost the mean.
+#[test]
+fn the_cost_of_snapshots_is_told() {
+    let (mut s, r) = series(|_, n| 0.8 / n as f64);
+    assert_eq!(s.outcome(&r).expect("snapshots").overhead.added, None);
+    for run in &mut s.runs {
+        run.snapshot_seconds = 0.5;
+        run.slower_after = vec![0.001, 0.003];
+    }
+    let o = s.outcome(&r).expect("snapshots").overhead;
+    let last = s.runs[0].snapshots.last().expect("snapshots");
+    let (n, seconds) = (s.runs[0].snapshots.len() as f64, last.seconds);
+    assert!(o.snapshots == n && (o.clock_stopped - 0.5 / seconds).abs() < 1e-12, "{o:?}");
+    let added = o.added.expect("ten pairs");
+    assert!((added.mean - n * 0.002 / seconds).abs() < 1e-12, "{o:?}");
+    // Ten values one standard deviation of 1.054 ms apart: t = 2.262 with nine degrees of freedom.
+    let half = 2.262_16 * n * 0.001_054_09 / 10f64.sqrt() / seconds;
+    assert!((added.half_width.expect("ten pairs") / half - 1.0).abs() < 1e-4, "{o:?}");
+}
+
 #[test]
 fn what_the_reference_cannot_tell_is_left_out_of_slopes() {
     let (mut s, r) = series(|_, n| 0.8 / n as f64 + 0.01);
