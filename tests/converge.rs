@@ -2,6 +2,8 @@
 
 mod common;
 
+use caustica::color::Rgb;
+use caustica::image::Image;
 use common::program::Folder;
 
 /// A ball over a floor under a lamp, `size` pixels wide and high.
@@ -143,4 +145,59 @@ fn references_know_their_noise_and_refuse_to_disagree() {
     assert_eq!((test("x.exr"), test("y.exr")), (false.into(), true.into()));
     assert!(f.image("h.png").width() >= 256);
     assert!(f.succeeds("compare x.exr r.exr").contains("flip"));
+}
+
+/// A reference that is known rather than rendered.
+fn write_truth(f: &Folder, size: u32, truth: impl Fn(u32, u32) -> f64) {
+    let image = Image::from_fn(size, size, |x, y| Rgb::splat(truth(x, y) as f32));
+    caustica::image::write(f.path("truth.exr"), &image, &Default::default()).expect("the folder can be written to");
+}
+
+/// The slope against passes that the program finds with `seeds` seeds, and half its 95 % interval.
+fn slope(xml: &str, size: u32, truth: impl Fn(u32, u32) -> f64, args: &str) -> (f64, f64) {
+    let f = Folder::new(xml);
+    write_truth(&f, size, truth);
+    f.succeeds(&format!("converge scene.xml --reference truth.exr --passes 512 -q -o out {args}"));
+    let slope = report(&f, "out/report.json")["series"][0]["outcome"]["slope"].clone();
+    let number = |key: &str| slope[key].as_f64().expect("a slope");
+    println!("{args}: {slope}");
+    (number("mean"), number("half_width"))
+}
+
+/// The radiance in a sphere of albedo ½ that emits ½ is 1; samples are independent, so that the error is 1/N on average.
+#[test]
+fn the_slope_of_path_tracing_is_minus_one() {
+    let wall = r#"<emitter type="area"><rgb name="radiance" value="0.5"/></emitter>"#;
+    let xml = common::closed_sphere("", "independent", 0.5, wall, "");
+    let (mean, half_width) = slope(&xml, 16, |_, _| 1.0, "--integrators path --seeds 16");
+    assert!((mean + 1.0).abs() < half_width && half_width < 0.05, "{mean} ± {half_width}");
+}
+
+/// −2/3 for α = 2/3 and, where blur dominates, −0.6 for 0.7, over the last decade of 512 passes.
+#[cfg(feature = "slow-tests")]
+#[test]
+fn the_slopes_of_progressive_photon_mapping_are_those_of_its_theory() {
+    for (alpha, radius, photons, seeds) in [(2.0 / 3.0, 0.25, 2000, 16), (0.7, 0.6, 10_000, 6)] {
+        let settings = format!(
+            r#"<float name="initial_radius" value="{radius}"/><float name="alpha" value="{alpha}"/>
+            <integer name="photon_count" value="{photons}"/>"#
+        );
+        let xml = common::floor_under_a_pane(&settings);
+        let (mean, half_width) = slope(&xml, 12, common::floor_truth, &format!("--integrators sppm --seeds {seeds}"));
+        let expected = -f64::min(alpha, 2.0 * (1.0 - alpha));
+        assert!((mean - expected).abs() < half_width && half_width < 0.07, "α = {alpha}: {mean} ± {half_width}");
+    }
+}
+
+/// Snapshots of 128 × 128 pixels must not lengthen the method's own time by 1 %.
+#[cfg(feature = "slow-tests")]
+#[test]
+fn snapshots_hardly_slow_down_what_they_measure() {
+    let f = Folder::new(&scene(128, true));
+    write_truth(&f, 128, |_, _| 1.0);
+    f.succeeds("converge scene.xml --reference truth.exr --passes 1500 --seeds 2 -q -o out --integrators path");
+    let added = report(&f, "out/report.json")["series"][0]["outcome"]["overhead"]["added"].clone();
+    let number = |key: &str| added[key].as_f64().expect("enough passes");
+    println!("{added}");
+    assert!(number("mean") + number("half_width") < 0.01, "{added}");
 }

@@ -14,7 +14,7 @@ use caustica::render::PlanOverrides;
 #[cfg(feature = "slow-tests")]
 use caustica::render::{Control, Plan, Session, Silent};
 use caustica::scene::Scene;
-use common::{Estimate, backends, closed_sphere, scene};
+use common::{Estimate, backends, closed_sphere, floor_truth, floor_under_a_pane, scene};
 
 fn render(s: &Scene, integrator: &str, passes: u64, photons: u64, seed: u64) -> Image {
     let o = PlanOverrides {
@@ -41,41 +41,6 @@ fn closed_sphere_has_radiance_one() {
             }
         }
     }
-}
-
-/// A floor lit by a point light one above it, through a pane that changes nothing (equal indices inside and out), so that
-/// all light comes from caustic photons: L(x) = (ρ/π) I cos θ / d² = (ρ I/π) (1 + x²)^(−3/2).
-fn floor_under_a_pane(schedule: &str) -> String {
-    format!(
-        r#"<scene version="3.0.0">
-  <integrator type="sppm">{schedule}</integrator>
-  <sensor type="orthographic">
-    <transform name="to_world"><scale value="1"/>
-      <lookat origin="0, 0.5, 0" target="0, 0, 0" up="0, 0, 1"/></transform>
-    <film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="12"/>
-      <rfilter type="box"/></film>
-    <sampler type="independent"/>
-  </sensor>
-  <shape type="rectangle">
-    <transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/></transform>
-    <bsdf type="diffuse"><rgb name="reflectance" value="1"/></bsdf>
-  </shape>
-  <shape type="rectangle">
-    <transform name="to_world"><scale value="4"/><rotate x="1" angle="-90"/><translate y="0.8"/></transform>
-    <bsdf type="dielectric"><float name="int_ior" value="1"/><float name="ext_ior" value="1"/></bsdf>
-  </shape>
-  <emitter type="point"><point name="position" x="0" y="1" z="0"/><rgb name="intensity" value="3.1415927"/></emitter>
-</scene>"#
-    )
-}
-
-/// Mean over the pixel of (1 + x² + z²)^(−3/2), by Gauss-Legendre with two points a side: the pixels are small.
-fn floor_truth(x: u32, y: u32) -> f64 {
-    let half = 1.0;
-    let pixel = 2.0 * half / 12.0;
-    let at = |i: u32, s: f64| (i as f64 + 0.5 + s * 0.5 / 3f64.sqrt()) * pixel - half;
-    let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
-    corners.iter().map(|(a, b)| (1.0 + at(x, *a).powi(2) + at(y, *b).powi(2)).powf(-1.5)).sum::<f64>() / 4.0
 }
 
 #[cfg(feature = "slow-tests")]
