@@ -33,6 +33,22 @@ pub fn sample_direct(
     sampler: &mut Sampler,
     counters: &mut Counters,
 ) -> Rgb {
+    sample_direct_unless(scene, si, bsdf, mask, bsdf_share, sampler, counters, |_, _| None)
+}
+
+/// As [`sample_direct`], without a shadow ray where `known(light, direction)` tells whether the light is visible.
+#[allow(clippy::too_many_arguments)]
+#[inline(always)]
+pub fn sample_direct_unless(
+    scene: &Scene,
+    si: &SurfaceInteraction,
+    bsdf: &Bsdf,
+    mask: LobeMask,
+    bsdf_share: f32,
+    sampler: &mut Sampler,
+    counters: &mut Counters,
+    known: impl Fn(usize, Vec3) -> Option<bool>,
+) -> Rgb {
     // Choose a light and a point on it.
     let (u_light, u) = (sampler.next_1d(), sampler.next_2d());
     let Some((index, pmf)) = scene.selector.sample(u_light) else { return Rgb::BLACK };
@@ -42,8 +58,11 @@ pub fn sample_direct(
     if f.is_black() || li.radiance.is_black() {
         return Rgb::BLACK;
     }
-    counters.shadow_rays += 1;
-    if !scene.unoccluded(si, &li) {
+    let visible = known(index, li.wi).unwrap_or_else(|| {
+        counters.shadow_rays += 1;
+        scene.unoccluded(si, &li)
+    });
+    if !visible {
         return Rgb::BLACK;
     }
     let pdf_light = pmf * li.pdf_w;

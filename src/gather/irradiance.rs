@@ -11,11 +11,11 @@
 
 use rayon::prelude::*;
 
+use super::cells::{Entry, Table, exp2, facing, key, level_below};
 use super::photons::Lookup;
 use crate::color::Rgb;
 use crate::math::Vec3;
 use crate::photon::{Flags, KnnScratch, PhotonClass};
-use crate::sample::mix64;
 
 /// Photons wanted in the largest cells; where cells come out at a quarter of the area, 2 % of them have none.
 const PHOTONS_PER_CELL: f32 = 16.0;
@@ -25,9 +25,6 @@ const PROBE_STRIDE: usize = 64;
 
 /// Surfaces turned further than this from the precomputed one (25°) do not use it.
 const MIN_NORMAL_COS: f32 = 0.9;
-
-/// Binary logarithms of the smallest and the largest cell, in scene units: keys have 18 bits for each coordinate.
-const LEVELS: (i32, i32) = (-16, 4);
 
 /// Irradiance around one photon.
 #[derive(Clone, Copy, Debug, Default)]
@@ -83,6 +80,13 @@ pub(super) struct IrradianceMap {
     /// Binary logarithm of the cells' side, by region.
     levels: Table<(u64, i32)>,
     cells: Table<Cell>,
+}
+
+impl Entry for Cell {
+    #[inline]
+    fn key(&self) -> u64 {
+        self.key
+    }
 }
 
 impl IrradianceMap {
@@ -157,111 +161,12 @@ impl IrradianceMap {
     }
 }
 
-/// The largest level whose cells are not wider than `side`.
-fn level_below(side: f32) -> i32 {
-    (side.max(f32::MIN_POSITIVE).log2().floor() as i32).clamp(LEVELS.0, LEVELS.1)
-}
-
-/// 2^level for the levels of cells and their negatives.
-#[inline]
-fn exp2(level: i32) -> f32 {
-    f32::from_bits(((127 + level) as u32) << 23)
-}
-
-/// Which of six directions a side of a surface faces.
-#[inline]
-fn facing(normal: Vec3, front: bool) -> u32 {
-    let a = normal.abs();
-    let axis = if a.x >= a.y && a.x >= a.z {
-        0
-    } else if a.y >= a.z {
-        1
-    } else {
-        2
-    };
-    2 * axis + u32::from((normal[axis as usize] > 0.0) == front)
-}
-
-/// The name of the cell at `p`, never 0: level, coordinates and direction, each in its own bits.
-#[inline]
-fn key(p: Vec3, level: i32, facing: u32) -> u64 {
-    let cell = p * exp2(-level);
-    // Round down without a call into the C library; what is out of range wraps.
-    let bits = |x: f32| ((x as i32).wrapping_sub(i32::from(x < x as i32 as f32)) as u64) & 0x3_ffff;
-    1 << 63
-        | ((level - LEVELS.0) as u64) << 57
-        | (facing as u64) << 54
-        | bits(cell.x) << 36
-        | bits(cell.y) << 18
-        | bits(cell.z)
-}
-
-/// What a [`Table`] holds.
-trait Entry: Copy + Default {
-    /// 0 for free places only.
-    fn key(&self) -> u64;
-}
-
-impl Entry for Cell {
-    #[inline]
-    fn key(&self) -> u64 {
-        self.key
-    }
-}
-
-impl Entry for (u64, i32) {
-    #[inline]
-    fn key(&self) -> u64 {
-        self.0
-    }
-}
-
-/// A hash table with linear probing, filled once, at most half full.
-#[derive(Default)]
-struct Table<E> {
-    places: Vec<E>,
-}
-
-impl<E: Entry> Table<E> {
-    /// Entries with different keys.
-    fn new(entries: Vec<E>) -> Self {
-        let mut places = vec![E::default(); (2 * entries.len()).next_power_of_two()];
-        let mask = places.len() - 1;
-        for entry in &entries {
-            let mut at = mix64(entry.key()) as usize & mask;
-            while places[at].key() != 0 {
-                at = (at + 1) & mask;
-            }
-            places[at] = *entry;
-        }
-        Self { places }
-    }
-
-    #[inline]
-    fn find(&self, key: u64) -> Option<&E> {
-        let mask = self.places.len().checked_sub(1)?;
-        let mut at = mix64(key) as usize & mask;
-        loop {
-            let entry = &self.places[at];
-            if entry.key() == key {
-                return Some(entry);
-            }
-            if entry.key() == 0 {
-                return None;
-            }
-            at = (at + 1) & mask;
-        }
-    }
-
-    fn memory(&self) -> usize {
-        self.places.capacity() * size_of::<E>()
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::cells::LEVELS;
     use super::*;
     use crate::photon::{Kernel, Photon, PhotonMap, PhotonRecord};
+    use crate::sample::mix64;
 
     fn uniform(i: u64) -> f32 {
         (mix64(i) >> 40) as f32 / (1u64 << 24) as f32

@@ -2,12 +2,15 @@
 
 mod area;
 pub mod cache;
+mod cells;
 mod direct;
 mod fixed;
 mod irradiance;
 mod photons;
+mod shadows;
 
 pub use area::AreaSettings;
-pub use direct::{MetLight, met_light, power_heuristic, sample_direct, sample_lobe_light};
+pub use direct::{MetLight, met_light, power_heuristic, sample_direct, sample_direct_unless, sample_lobe_light};
 pub use fixed::{RadiusEstimate, RadiusMap};
 pub use photons::{LookupSettings, MapEstimate, PhotonMaps};
+pub use shadows::ShadowMap;

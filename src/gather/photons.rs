@@ -4,6 +4,7 @@ use std::cell::RefCell;
 
 use super::area::{self, AreaSettings};
 use super::irradiance::IrradianceMap;
+use super::shadows::ShadowMap;
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
@@ -57,6 +58,7 @@ pub(super) struct Lookup {
 pub struct PhotonMaps {
     caustic: Option<Lookup>,
     global: Option<Lookup>,
+    shadows: Option<ShadowMap>,
 }
 
 thread_local! {
@@ -75,6 +77,17 @@ impl PhotonMaps {
     pub fn set_global(&mut self, map: PhotonMap, lookup: &LookupSettings, scene_radius: f32) {
         let found = Lookup::new(map, lookup.global_size, lookup.global_radius * scene_radius, lookup.kernel);
         self.global = found.map(|l| l.with_area(lookup.area));
+    }
+
+    /// Takes what is known of direct light.
+    pub fn set_shadows(&mut self, shadows: ShadowMap) {
+        self.shadows = Some(shadows);
+    }
+
+    /// Whether light `light` is visible from `si` in direction `wi`, where shadow photons tell.
+    #[inline]
+    pub fn visible(&self, si: &SurfaceInteraction, light: usize, wi: Vec3) -> Option<bool> {
+        self.shadows.as_ref()?.visible(si, light, wi)
     }
 
     /// Computes irradiance beforehand at some of the global map's photons; Lambertian surfaces then look it up.
@@ -102,7 +115,8 @@ impl PhotonMaps {
 
     /// Bytes of all maps.
     pub fn memory(&self) -> usize {
-        [&self.caustic, &self.global].into_iter().flatten().map(Lookup::memory).sum()
+        let shadows = self.shadows.as_ref().map_or(0, ShadowMap::memory);
+        shadows + [&self.caustic, &self.global].into_iter().flatten().map(Lookup::memory).sum::<usize>()
     }
 
     /// Radiance of caustics that leaves `si` towards `si.wo` through its diffuse and wide glossy lobes.

@@ -315,6 +315,7 @@ fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u6
         // About 64 gather rays a pixel at least, whatever the number of camera samples.
         final_gather_samples: integer("final_gather_samples", (64 / spp).max(1)) as u32,
         guided_emission: switch("guided_emission", true),
+        shadow_photons: integer("shadow_photons", 0),
         irradiance_photons: switch("irradiance_photons", true),
         irradiance_cache: s.boolean("irradiance_cache").filter(|&on| own && on).map(|_| cache(s)),
         lookup: LookupSettings {

@@ -2,8 +2,8 @@ use super::{ClampSummary, Control, Method, Plan, Summary, render_pass};
 use super::{doubt::Doubt, layers::LayerFilms, progressive::Progressive};
 use crate::color::Rgb;
 use crate::film::Film;
-use crate::gather::PhotonMaps;
 use crate::gather::cache::IrradianceCache;
+use crate::gather::{PhotonMaps, ShadowMap};
 use crate::image::Image;
 use crate::integrator::sppm::SharedStatistics;
 use crate::integrator::{PhotonMapper, PhotonMapperSettings, vcm};
@@ -169,6 +169,12 @@ impl<'s> Session<'s> {
                 Target::Caustic => maps.set_caustic(map, &settings.lookup, radius),
                 Target::Global | Target::Indirect => maps.set_global(map, &settings.lookup, radius),
             }
+        }
+        if settings.shadow_photons > 0 {
+            let (paths, seed, pass) = (settings.shadow_photons, self.plan.seed, self.next);
+            let counters = &mut Counters::default();
+            maps.set_shadows(summary.time("shoot photons", || ShadowMap::shoot(scene, paths, seed, pass, counters)));
+            summary.counters += *counters;
         }
         if settings.final_gather && settings.irradiance_photons {
             summary.time("irradiance", || maps.precompute_irradiance());

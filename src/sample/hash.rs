@@ -22,6 +22,8 @@ pub enum Purpose {
     Chain = 9,
     /// Light sub-paths of bidirectional methods.
     LightPath = 10,
+    /// Rays that find where lights cast shadows.
+    Shadow = 11,
 }
 
 /// A bijective 64-bit mixer with full avalanche (the finaliser of SplitMix64 [Steele et al. 2014]).

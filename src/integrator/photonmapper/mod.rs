@@ -21,9 +21,9 @@ use super::{CameraSample, Integrator, MaxDepth};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
 use crate::gather::cache::{CacheSettings, IrradianceCache};
-use crate::gather::{LookupSettings, PhotonMaps, sample_direct, sample_lobe_light};
+use crate::gather::{LookupSettings, PhotonMaps, sample_direct_unless, sample_lobe_light};
 use crate::geometry::SurfaceInteraction;
-use crate::math::INV_PI;
+use crate::math::{INV_PI, Vec3};
 use crate::sample::{Sampler, Sequence};
 use crate::scene::Scene;
 use crate::shoot::{ShootSettings, Target, WalkSettings};
@@ -52,6 +52,8 @@ pub struct PhotonMapperSettings {
     /// Interpolate gathered light between few points.
     pub irradiance_cache: Option<CacheSettings>,
     pub lookup: LookupSettings,
+    /// Rays from lights that find where no shadow rays are needed; 0 traces all of them.
+    pub shadow_photons: u64,
 }
 
 impl PhotonMapperSettings {
@@ -176,7 +178,10 @@ impl PhotonMapper<'_> {
         let share = if narrow { 1.0 } else { gather_rays as f32 / shadow_rays as f32 };
         let direct: Rgb = sampler
             .split(shadow_rays)
-            .map(|mut s| sample_direct(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, &mut s, counters))
+            .map(|mut s| {
+                let known = |light: usize, wi: Vec3| self.maps.visible(si, light, wi);
+                sample_direct_unless(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, &mut s, counters, known)
+            })
             .sum();
         let mut sum = direct / shadow_rays as f32;
         if narrow {

@@ -49,6 +49,7 @@ const INTEGRATORS: &[(&str, Params)] = &[
             ("global_photons", Count),
             ("caustic_photons", Count),
             ("volume_photons", Count),
+            ("shadow_photons", Count),
             ("global_lookup_radius", Size),
             ("caustic_lookup_radius", Size),
             ("lookup_size", Count),
