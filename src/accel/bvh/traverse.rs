@@ -25,6 +25,12 @@ pub(super) struct SlabRay {
 }
 
 impl SlabRay {
+    /// Of a ray that is tested against no boxes.
+    #[inline(always)]
+    fn boxless(ray: &Ray) -> Self {
+        Self { o: ray.o, rcp: Vec3::ONE, near: [0, 1, 2], far: [3, 4, 5] }
+    }
+
     #[inline(always)]
     pub fn new(ray: &Ray) -> Self {
         let rcp = |d: f32| if d.abs() < 1e-37 { 1e37f32.copysign(d) } else { 1.0 / d };
@@ -93,12 +99,14 @@ pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray
     if tree.root == Child::NONE {
         return;
     }
+    if let Some(flat) = &tree.flat {
+        // No box is tested here.
+        let kernel = K::new(&SlabRay::boxless(ray), &sheared);
+        return test_all::<K, ANY>(bvh, tree, flat, ray, &kernel, &sheared, placed, best);
+    }
     let (nodes, blocks) = (&tree.nodes[..], &tree.blocks[..]);
     let slab = SlabRay::new(ray);
     let kernel = K::new(&slab, &sheared);
-    if let Some(flat) = &tree.flat {
-        return test_all::<K, ANY>(bvh, tree, flat, ray, &kernel, &sheared, placed, best);
-    }
     let refining = RefiningRay::new(ray, sheared.k);
     let mut stack = [const { std::mem::MaybeUninit::<u64>::uninit() }; STACK];
     let mut size = 0;
