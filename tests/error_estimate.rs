@@ -167,15 +167,20 @@ mod coverage {
         }
     }
 
-    /// The same of photon-mapped pictures less their bias, where that is small. Where edges and corners fill the picture it
-    /// is of first order, and the intervals are too narrow.
+    /// The same of photon-mapped pictures less their bias, 12 seeds. The bias is the larger part of the error in the Cornell
+    /// box: intervals around the pictures as they are hold less than half of the truth there.
     #[test]
     fn noise_and_bias_of_photon_mapping() {
-        let (name, scene) = &scenes()[0];
-        let o =
-            PlanOverrides { spp: Some(16), photons: Some(50_000), track_bias: true, ..overrides("photonmapper", 0) };
-        let [as_it_is, corrected] = covered(scene, &o, 12, &truth(scene, 4096), [plain, corrected]);
-        println!("{name}: {as_it_is}, {corrected} less bias");
-        assert!((0.85..=0.95).contains(&corrected), "{name}: {corrected}");
+        for (name, scene) in &scenes() {
+            let o = PlanOverrides {
+                spp: Some(16),
+                photons: Some(50_000),
+                track_bias: true,
+                ..overrides("photonmapper", 0)
+            };
+            let shares = covered(scene, &o, 12, &truth(scene, 4096), [plain, corrected]);
+            println!("{name}: {shares:?}");
+            assert!((0.85..=0.95).contains(&shares[1]), "{name}: {shares:?}");
+        }
     }
 }

@@ -97,15 +97,16 @@ impl PhotonMaps {
         }
     }
 
-    /// Reads all maps from now on with half as many photons, within half the area: their bias halves, where it comes from
-    /// the curvature of the light, and their variance doubles.
+    /// Estimates irradiance from now on where it is asked for. Tells whether it was precomputed before.
+    pub fn forget_irradiance(&mut self) -> bool {
+        self.global.as_mut().is_some_and(|global| global.irradiance.take().is_some())
+    }
+
+    /// Reads all maps from now on with half as many photons, within half the area.
     pub fn narrow(&mut self) {
         for lookup in [&mut self.caustic, &mut self.global].into_iter().flatten() {
             lookup.size = (lookup.size / 2).max(1);
             lookup.max_radius_sq *= 0.5;
-            if lookup.irradiance.take().is_some() {
-                lookup.irradiance = Some(IrradianceMap::precompute(lookup));
-            }
         }
     }
 

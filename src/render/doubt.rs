@@ -10,12 +10,12 @@ pub const MIN_PASSES: u64 = 4;
 /// What the passes of a render tell about its error: noise from how far they lie apart, and bias from how far the
 /// picture moves when photon maps are read more narrowly.
 ///
-/// The bias of a density estimate over a disc of area A grows in proportion to A where the light's second derivatives
-/// do not vanish, to the next order [Silverman 1986, §4.3.1]. With half the photons in half the area the picture is thus
-/// off by half the bias, and twice the difference of the two pictures is the bias (Richardson's extrapolation). It is an
-/// estimate of that leading term alone and tells its size: at edges and in corners, where part of the disc finds no photons,
-/// bias is of first order, and intervals around pictures corrected by it hold the truth far less often than they should.
-/// Methods without a map have none.
+/// A density estimate is off in proportion to the radius of its disc where the disc reaches over the edge of a surface or of
+/// light, and in proportion to its square where the light is only curved [Silverman 1986, §4.3.1]. Edges are what blocks of
+/// pixels see most, so bias is taken to go with the radius: estimates from half the photons in half the area then have √½ of
+/// it, and 1/(1 − √½) times the difference of the two pictures is all of it (Richardson's extrapolation). What precomputed
+/// irradiance adds to that is told by a picture without. It is an estimate of the leading term: where there are no edges it
+/// says up to 1.7 times too much, and interpolation in an irradiance cache is no part of it. Methods without a map have none.
 #[derive(Clone, Debug)]
 pub struct Doubt {
     /// Of the pixels, and of the means over blocks, which notice noise that neighbours share.
@@ -24,7 +24,7 @@ pub struct Doubt {
     pub(super) bias: Option<Bias>,
 }
 
-/// Twice the difference of wide and narrow estimates, and the spread of blocks of the pictures without it.
+/// The estimate of the bias, and the spread of blocks of the pictures without it.
 #[derive(Clone, Debug)]
 pub(super) struct Bias {
     pub(super) pixels: Spread,
@@ -43,20 +43,16 @@ impl Doubt {
         }
     }
 
-    /// Adds a pass with `spp` samples a pixel; `poorer` is the same pass with narrower estimates, if it has any.
-    pub(super) fn add(&mut self, pass: &Image, poorer: Option<&Image>, spp: u64) {
+    /// Adds a pass with `spp` samples a pixel and its bias, where it has any.
+    pub(super) fn add(&mut self, pass: &Image, of_pass: Option<PassBias>, spp: u64) {
         self.pixels.add(pass, spp);
         self.blocks.add(&block_means(pass), spp);
         if let Some(bias) = &mut self.bias {
-            let mut off = Image::constant(pass.width(), pass.height(), Rgb::BLACK);
-            if let Some(poorer) = poorer {
-                for ((b, wide), narrow) in off.pixels_mut().iter_mut().zip(pass.pixels()).zip(poorer.pixels()) {
-                    *b = 2.0 * difference(wide, narrow);
-                }
-            }
+            let none = || PassBias(Image::constant(pass.width(), pass.height(), Rgb::BLACK));
+            let PassBias(off) = of_pass.unwrap_or_else(none);
             let mut corrected = pass.clone();
             for (c, b) in corrected.pixels_mut().iter_mut().zip(off.pixels()) {
-                *c = difference(c, b);
+                *c = c.zip(*b, |c, b| c - b);
             }
             bias.pixels.add(&off, spp);
             bias.corrected_blocks.add(&block_means(&corrected), spp);
@@ -125,6 +121,17 @@ impl Doubt {
     }
 }
 
-fn difference(a: &Rgb, b: &Rgb) -> Rgb {
-    Rgb::new(a.r - b.r, a.g - b.g, a.b - b.b)
+/// The estimated bias of the picture of one pass.
+pub(super) struct PassBias(Image);
+
+impl PassBias {
+    /// From a picture, the same without precomputed irradiance, and that with narrower estimates.
+    pub fn of(picture: &Image, exact: &Image, narrow: &Image) -> Self {
+        let extrapolate = 1.0 / (1.0 - std::f32::consts::FRAC_1_SQRT_2);
+        let mut bias = picture.clone();
+        for ((b, e), n) in bias.pixels_mut().iter_mut().zip(exact.pixels()).zip(narrow.pixels()) {
+            *b = b.zip(*e, |b, e| b - e).zip(e.zip(*n, |e, n| e - n), |known, step| known + extrapolate * step);
+        }
+        Self(bias)
+    }
 }

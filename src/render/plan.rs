@@ -117,7 +117,7 @@ pub struct Plan {
     pub track_error: bool,
     /// Photon maps to read in place of shooting photons, by the names of their targets; every pass reads the same.
     pub stored_maps: Option<Arc<MapFile>>,
-    /// Read photon maps a second time with half as many photons, to tell the bias of every pixel.
+    /// Read photon maps again, without precomputed irradiance and with half as many photons, to tell the bias of every pixel.
     pub track_bias: bool,
     /// The render ends when its own estimate of relMSE is below this.
     pub target_error: Option<f64>,

@@ -1,5 +1,8 @@
+use std::ops::Range;
+
+use super::doubt::{Doubt, PassBias};
 use super::{ClampSummary, Control, Method, Plan, Summary, render_pass};
-use super::{doubt::Doubt, layers::LayerFilms, progressive::Progressive};
+use super::{layers::LayerFilms, progressive::Progressive};
 use crate::color::Rgb;
 use crate::film::Film;
 use crate::gather::cache::IrradianceCache;
@@ -69,7 +72,7 @@ impl<'s> Session<'s> {
         let spp = samples.end - samples.start;
         // Give every pass a film of its own, so that no pass depends on those before it.
         let mut film = Film::new(self.film.window(), self.film.filter()).with_clamp(self.plan.clamp);
-        let mut poorer = None;
+        let mut others = None;
         let (done, passes) = (self.passes() as f64, (self.plan.passes.end - self.plan.passes.start) as f64);
         let report = |fraction: f64| {
             let by_passes = (done + fraction) / passes;
@@ -102,15 +105,16 @@ impl<'s> Session<'s> {
                     let range = samples.clone();
                     counters += self.summary.time("render layers", || layers.add_pass(scene, recipe, seed, range));
                 }
-                // See the same samples with narrower estimates from the same photons.
                 if self.plan.track_bias {
-                    let other = poorer.insert(Film::new(film.window(), film.filter()).with_clamp(self.plan.clamp));
+                    let exact =
+                        maps.forget_irradiance().then(|| self.again(&settings, &maps, samples.clone(), control));
                     maps.narrow();
-                    let cache = self.fill_cache(&settings, &maps, control);
-                    counters += self.summary.time("estimate bias", || {
-                        let recipe = PhotonMapper { settings, maps: &maps, cache: cache.as_ref() };
-                        render_pass(scene, &recipe, other, seed, samples, &|_| {})
-                    });
+                    let narrow = self.again(&settings, &maps, samples, control);
+                    counters += narrow.1;
+                    if let Some(exact) = &exact {
+                        counters += exact.1;
+                    }
+                    others = Some((exact.map(|e| e.0), narrow.0));
                 }
                 counters
             }
@@ -118,7 +122,12 @@ impl<'s> Session<'s> {
         // Add it to what is there.
         if let Some(doubt) = &mut self.doubt {
             let scale = 1.0 / spp as f64;
-            doubt.add(&film.develop(scale), poorer.map(|f| f.develop(scale)).as_ref(), spp);
+            let pass = film.develop(scale);
+            let bias = others.map(|(exact, narrow): (Option<Film>, Film)| {
+                let exact = exact.map(|f| f.develop(scale));
+                PassBias::of(&pass, exact.as_ref().unwrap_or(&pass), &narrow.develop(scale))
+            });
+            doubt.add(&pass, bias, spp);
         }
         self.film.add(&film);
         self.summary.counters += counters;
@@ -126,6 +135,23 @@ impl<'s> Session<'s> {
         self.summary.clamp = ClampSummary::of(&self.film, self.summary.spp);
         self.next += 1;
         self.summary.passes = self.passes();
+    }
+
+    /// Sees the samples of a pass once more, with maps that are read in another way.
+    fn again(
+        &mut self,
+        settings: &PhotonMapperSettings,
+        maps: &PhotonMaps,
+        samples: Range<u64>,
+        control: &Control,
+    ) -> (Film, Counters) {
+        let mut film = Film::new(self.film.window(), self.film.filter()).with_clamp(self.plan.clamp);
+        let cache = self.fill_cache(settings, maps, control);
+        let recipe = PhotonMapper { settings: *settings, maps, cache: cache.as_ref() };
+        let (scene, seed) = (self.scene, self.plan.seed);
+        let counters =
+            self.summary.time("estimate bias", || render_pass(scene, &recipe, &mut film, seed, samples, &|_| {}));
+        (film, counters)
     }
 
     /// The picture so far; black before the first pass.
