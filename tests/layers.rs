@@ -121,7 +121,9 @@ fn records_of_the_cache_are_dots() {
     let image = render(&xml, &[Layer::Cache]);
     let marks = image.channel("cache.Y").expect("the layer was asked for");
     let marked = marks.iter().filter(|&&m| m > 0.0).count();
-    assert!(marks.iter().all(|m| (0.0..=1.0).contains(m)) && marks.contains(&1.0));
+    let most = marks.iter().copied().fold(0.0, f32::max);
+    // Pixels are means of zeros and ones by a filter that is wider than a dot.
+    assert!(marks.iter().all(|&m| m >= 0.0) && most > 0.9 && most < 1.00001, "{most}");
     // A dot covers some seven pixels, and records are at least as far apart where there is little to see.
     assert!(marked > 200 && marked < 3500, "{marked} of 4096 pixels");
 }
