@@ -8,17 +8,18 @@ fn main() {
     if std::env::var_os("DEP_EMBREE4_VERSION").is_some() {
         println!("cargo::rustc-cfg=embree");
     }
-    let commit = Command::new("git")
-        .args(["describe", "--always", "--dirty", "--abbrev=12"])
-        .output()
-        .ok()
-        .filter(|o| o.status.success())
-        .and_then(|o| String::from_utf8(o.stdout).ok())
-        .unwrap_or_default();
-    println!("cargo::rustc-env=CAUSTICA_COMMIT={}", commit.trim());
-    for watched in [".git/HEAD", ".git/logs/HEAD"] {
-        if std::path::Path::new(watched).exists() {
+    let commit = git(&["describe", "--always", "--dirty", "--abbrev=12"]).unwrap_or_default();
+    println!("cargo::rustc-env=CAUSTICA_COMMIT={commit}");
+    // Asked for by name: in a linked work tree they are not in `.git`.
+    for watched in ["HEAD", "logs/HEAD"].iter().filter_map(|file| git(&["rev-parse", "--git-path", file])) {
+        if std::path::Path::new(&watched).exists() {
             println!("cargo::rerun-if-changed={watched}");
         }
     }
+}
+
+/// What a git command prints, if it succeeds.
+fn git(args: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(args).output().ok().filter(|o| o.status.success())?;
+    String::from_utf8(output.stdout).ok().map(|text| text.trim().to_string())
 }
