@@ -59,7 +59,7 @@ fn head(e: &Experiment, entries: &[Entry]) -> String {
         let others: Vec<String> = entries
             .iter()
             .filter(|x| x.label != best.label && error(x).is_finite() && error(best) > 0.0)
-            .map(|x| format!("{:.3} times that of {}", error(best) / error(x), escape(&x.label)))
+            .map(|x| format!("{} times that of {}", number(error(best) / error(x)), escape(&x.label)))
             .collect();
         let compared = if others.is_empty() { String::new() } else { format!(", {}", others.join(" and ")) };
         let what = match e.budget.passes {
