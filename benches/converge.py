@@ -15,8 +15,8 @@ import subprocess
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 SCENES = ["cornell-box", "cornell-spheres", "pool"]
-# Path tracing hardly finds the light of the pool: methods that do make its reference.
-REFERENCE_METHODS = {"pool": "sppm,ppm"}
+# Path tracing hardly finds the light of the pool: two methods that do make its reference.
+REFERENCE_METHODS = {"pool": "sppm,vcm"}
 WIDTH, HEIGHT, TITLE = 560, 440, 34
 
 

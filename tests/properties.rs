@@ -171,7 +171,6 @@ fn distance(a: Estimate, b: Estimate, bias: f64) -> f64 {
 }
 
 fn config(cases: u32) -> ProptestConfig {
-    let cases = if cfg!(feature = "slow-tests") { 4 * cases } else { cases };
     ProptestConfig {
         cases,
         failure_persistence: None,
@@ -181,7 +180,7 @@ fn config(cases: u32) -> ProptestConfig {
 }
 
 proptest! {
-    #![proptest_config(config(4))]
+    #![proptest_config(config(8))]
 
     /// No pixel is negative or undefined, and no method sees more than the brightest light: radiance does not grow at
     /// surfaces of albedo 1 or less. Its mean stays below the largest lamp's by far more than noise.
