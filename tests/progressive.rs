@@ -7,7 +7,6 @@ use std::sync::atomic::AtomicBool;
 #[cfg(feature = "slow-tests")]
 use std::time::Instant;
 
-#[cfg(feature = "slow-tests")]
 use caustica::accel::AccelKind;
 use caustica::image::Image;
 use caustica::render::PlanOverrides;
@@ -41,6 +40,18 @@ fn closed_sphere_has_radiance_one() {
             }
         }
     }
+}
+
+/// One pass reads photons within the first radii: a tenth of them leaves a hundredth of the photons, ten times the noise.
+#[test]
+fn radius_scale_multiplies_the_radii_that_were_measured() {
+    let noise = |parameter: &str| {
+        let image = render(&scene(&floor_under_a_pane(parameter), AccelKind::Bvh), "sppm", 1, 200_000, 1);
+        let errors = (0..12).flat_map(|y| (0..12).map(move |x| (x, y)));
+        errors.map(|(x, y)| (image.pixel(x, y).g as f64 / floor_truth(x, y) - 1.0).powi(2)).sum::<f64>().sqrt()
+    };
+    let ratio = noise(r#"<float name="radius_scale" value="0.1"/>"#) / noise("");
+    assert!((5.0..20.0).contains(&ratio), "{ratio}");
 }
 
 #[cfg(feature = "slow-tests")]

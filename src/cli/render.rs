@@ -57,6 +57,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             target_error: a.target_error,
             layers: layers::wanted(a),
             needs: a.scene.needs.clone(),
+            ..PlanOverrides::default()
         },
     )?;
     if let Some(path) = &a.photon_map {

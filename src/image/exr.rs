@@ -34,8 +34,7 @@ pub(super) fn encode(image: &Image, half: bool) -> Result<Vec<u8>, Fault> {
         list.push(AnyChannel::new(name, samples(&mut image.pixels().iter().map(|c| c[k]), half)));
     }
     for channel in image.channels() {
-        // Values that are not colours may be too large for 16 bits.
-        let half = half && channel.data.iter().all(|v| v.abs() <= f16::MAX.to_f32() || !v.is_finite());
+        let half = half && channel.data.iter().all(|&v| fits_half(v));
         list.push(AnyChannel::new(text(&channel.name), samples(&mut channel.data.iter().copied(), half)));
     }
     let mut attributes = LayerAttributes::default();
@@ -53,6 +52,11 @@ pub(super) fn encode(image: &Image, half: bool) -> Result<Vec<u8>, Fault> {
     let mut out = out.into_inner();
     sort_header(&mut out);
     Ok(out)
+}
+
+/// Whether 16 bits keep a value with all their digits: variances are often too small for them, depths too large.
+fn fits_half(v: f32) -> bool {
+    v == 0.0 || !v.is_finite() || (f16::MIN_POSITIVE.to_f32()..=f16::MAX.to_f32()).contains(&v.abs())
 }
 
 /// UTF-8 without NUL, as a header string.

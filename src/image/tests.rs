@@ -40,6 +40,16 @@ fn float_formats_come_back_exactly() {
     assert_eq!(round_trip(Format::Pfm, &image, &half).pixels(), image.pixels());
 }
 
+/// Variances of 1e-8 would all be zero in half precision.
+#[test]
+fn small_numbers_beside_the_colour_keep_their_digits() {
+    let mut image = sample();
+    let variance: Vec<Rgb> = (0..37 * 21).map(|i| Rgb::splat(1e-8 + 1e-10 * i as f32)).collect();
+    image.set_layer("variance", &variance);
+    let back = round_trip(Format::Exr, &image, &WriteOptions { half: true, ..Default::default() });
+    assert_eq!(back.layer("variance"), Some(variance));
+}
+
 #[test]
 fn non_finite_values_survive_in_exr() {
     let image = Image::rgb(2, 1, vec![Rgb::splat(f32::NAN), Rgb::new(f32::INFINITY, f32::MIN_POSITIVE, -1.0)]);

@@ -34,6 +34,15 @@ impl Method {
             Method::Vcm(_) => "vcm",
         }
     }
+
+    /// Multiplies the first radii of progressive methods.
+    fn scale_radii(&mut self, scale: f32) {
+        match self {
+            Method::Ppm(s) | Method::Sppm(s) => s.radius_scale *= scale,
+            Method::Vcm(s) => s.radius_scale *= scale,
+            _ => {}
+        }
+    }
 }
 
 /// The names that [`Plan::new`] knows.
@@ -61,6 +70,8 @@ pub struct PlanOverrides {
     pub track_bias: bool,
     /// As [`Plan::target_error`].
     pub target_error: Option<f64>,
+    /// Multiplies the first radii that progressive methods measure once more.
+    pub radius_scale: Option<f32>,
     /// As [`Plan::layers`].
     pub layers: Vec<Layer>,
     /// What to make, or to leave out, whatever the scene needs.
@@ -148,6 +159,7 @@ impl Plan {
             }
             other => return Err(PlanError::UnknownIntegrator { found: other.to_owned() }),
         };
+        method.scale_radii(o.radius_scale.unwrap_or(1.0));
         let needs = Needs::of(scene, max_depth(settings), &o.needs);
         method.leave_out(&needs);
         // Time and a wanted error end a render between passes.
@@ -248,6 +260,7 @@ fn sppm(scene: &Scene, own: bool, photons: Option<u64>) -> SppmSettings {
         alpha: float("alpha").map_or(2.0 / 3.0, f64::from),
         // Given in the lengths of the scene file; 0 measures it.
         initial_radius: float("initial_radius").filter(|&r| r > 0.0).map(|r| (r as f64 * scene.to_scene.scale) as f32),
+        radius_scale: float("radius_scale").unwrap_or(1.0),
         lookup_size: integer("lookup_size").unwrap_or(40).min(1 << 20) as u32,
         clamp: (0.5, 4.0),
         radius_floor: float("radius_floor").unwrap_or(0.0),
@@ -285,6 +298,7 @@ fn bidirectional(s: &IntegratorSettings, own: bool, method: VcmSettings) -> VcmS
         merging,
         alpha: s.float("alpha").filter(|_| own).map_or(method.alpha, f64::from),
         initial_radius: s.float("initial_radius").filter(|_| own),
+        radius_scale: s.float("radius_scale").filter(|_| own).unwrap_or(1.0),
         ..method
     }
 }

@@ -44,6 +44,8 @@ pub struct SppmSettings {
     pub alpha: f64,
     /// First radius of all pixels, scene units; `None` measures one for each pixel.
     pub initial_radius: Option<f32>,
+    /// Measured first radii are multiplied by this.
+    pub radius_scale: f32,
     /// Photons that the measured first radius holds.
     pub lookup_size: u32,
     /// Least and largest measured first radius, in pixel footprints.

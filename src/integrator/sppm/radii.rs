@@ -121,7 +121,8 @@ fn pixel_radii(
     let most = (settings.clamp.1 * footprint).min(limit);
     let least = (settings.clamp.0 * footprint).min(most);
     let (most_sq, least_sq) = (most * most, least * least);
-    let first_sq = std::array::from_fn(|kind| {
+    let scale_sq = settings.radius_scale * settings.radius_scale;
+    let measured = |kind| {
         let Some(map) = pilot.kind(kind) else { return most_sq };
         let wanted = map.nearest_radius_sq(si, settings.lookup_size as usize, most_sq).max(least_sq);
         // Indirect light is smooth: rather blur it over some pixels than see no photon for many passes. Caustics are not.
@@ -129,8 +130,8 @@ fn pixel_radii(
             return wanted;
         }
         map.nearest_radius_sq(si, (settings.lookup_size / FEW).max(1) as usize, limit * limit).max(wanted)
-    });
-    PixelRadii { first_sq, floor_sq }
+    };
+    PixelRadii { first_sq: std::array::from_fn(|kind| scale_sq * measured(kind)), floor_sq }
 }
 
 /// The kind of photons that have come through specular surfaces alone.

@@ -34,6 +34,8 @@ pub struct VcmSettings {
     pub alpha: f64,
     /// The merging radius of the first pass in units of the scene file; `None` fits it to the picture.
     pub initial_radius: Option<f32>,
+    /// A radius that was fitted is multiplied by this.
+    pub radius_scale: f32,
 }
 
 impl Default for VcmSettings {
@@ -49,6 +51,7 @@ impl Default for VcmSettings {
             merging: Merging::Focused,
             alpha: 2.0 / 3.0,
             initial_radius: None,
+            radius_scale: 1.0,
         }
     }
 }
@@ -118,7 +121,7 @@ impl<'s> Recipe<'s> {
         let first_radius = match settings.initial_radius {
             _ if settings.merging == Merging::Off => 0.0,
             Some(r) => r as f64 * scene.to_scene.scale,
-            None => automatic_radius(scene) as f64,
+            None => (automatic_radius(scene) * settings.radius_scale) as f64,
         };
         let (w, h) = scene.camera.window().crop_size;
         Self {

@@ -610,3 +610,10 @@ fn weights_are_those_of_brute_force() {
 fn weights_are_those_of_brute_force_at_infinity() {
     check_all(&load("orthographic", DISTANT));
 }
+
+#[test]
+fn radius_scale_multiplies_the_radius_that_was_fitted() {
+    let scene = load("perspective", FINITE);
+    let radius = |s| Recipe::new(&scene, &VcmSettings { radius_scale: s, ..VcmSettings::default() }).first_radius;
+    assert!(radius(1.0) > 0.0 && radius(0.25) == 0.25 * radius(1.0));
+}

@@ -75,6 +75,7 @@ const INTEGRATORS: &[(&str, Params)] = &[
         "vcm",
         &[
             ("initial_radius", Size),
+            ("radius_scale", Size),
             ("alpha", Fraction),
             ("max_passes", Depth),
             ("light_image", Switch),
@@ -93,6 +94,7 @@ const INTEGRATORS: &[(&str, Params)] = &[
 const PROGRESSIVE: Params = &[
     ("photon_count", Count),
     ("initial_radius", Length),
+    ("radius_scale", Size),
     ("alpha", Fraction),
     ("max_passes", Depth),
     ("photons_per_pass", Count),
