@@ -161,6 +161,13 @@ impl Camera {
         self.window
     }
 
+    /// The same view on a film of other pixels.
+    pub fn with_film(self, window: FilmWindow) -> Self {
+        let (sx, sy) =
+            (self.window.size.0 as f32 / window.size.0 as f32, self.window.size.1 as f32 / window.size.1 as f32);
+        Self { window, dx: self.dx * sx, dy: self.dy * sy, pixel_area: self.pixel_area * sx * sy, ..self }
+    }
+
     /// Centre of the lens, or the middle of an orthographic film.
     pub fn position(&self) -> Vec3 {
         self.position

@@ -131,7 +131,8 @@ pub struct RenderArgs {
     /// Image to write (.exr, .png, .hdr, .pfm); may be given many times. Default: the scene's name with .exr.
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
-    /// Integrator, in place of the scene's: path, direct, photonmapper, ppm, sppm, ptracer, bdpt, vcm.
+    /// Integrator, in place of the scene's: path, direct, photonmapper, ppm, sppm, ptracer, bdpt, vcm; or auto, which tries
+    /// path, sppm and vcm and goes on with the one that promises the least error.
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// Samples per pixel, in place of the scene's.

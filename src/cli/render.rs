@@ -10,7 +10,7 @@ use super::keep::Keeper;
 use super::progress::Reporter;
 use super::{CliError, INTERRUPTED, bytes, human, layers, print};
 use crate::image::{Format, Image, WriteOptions};
-use crate::render::{Checkpoint, Control, Plan, PlanOverrides, Session, Summary, render_from};
+use crate::render::{Checkpoint, Choice, Control, Plan, PlanOverrides, Session, Summary, choose, render_from};
 use crate::scene::Scene;
 
 /// A run with more than this share of dropped samples has failed.
@@ -29,6 +29,9 @@ struct Report<'a> {
     rays_per_second: f64,
     accel_memory: usize,
     mean: [f64; 3],
+    /// How the integrator was chosen, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    choice: Option<&'a Choice>,
     #[serde(flatten)]
     summary: &'a Summary,
 }
@@ -39,27 +42,31 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     let mut outputs = outputs(a)?;
     layers::check(a)?;
     super::set_threads(a.scene.threads)?;
-    let scene = super::load_scene(&a.scene)?;
-    let mut plan = Plan::new(
-        &scene,
-        &PlanOverrides {
-            integrator: a.integrator.clone(),
-            spp: a.spp,
-            photons: a.photons,
-            photon_memory: a.photon_memory,
-            passes: a.passes,
-            pass_range: a.pass_range.clone(),
-            seed: a.seed,
-            timed: a.time.is_some(),
-            clamp: a.clamp,
-            track_error: a.aov.contains(&Aov::Variance),
-            track_bias: a.aov.contains(&Aov::Bias),
-            target_error: a.target_error,
-            layers: layers::wanted(a),
-            needs: a.scene.needs.clone(),
-            ..PlanOverrides::default()
-        },
-    )?;
+    let mut scene = super::load_scene(&a.scene)?;
+    let mut overrides = PlanOverrides {
+        integrator: a.integrator.clone(),
+        spp: a.spp,
+        photons: a.photons,
+        photon_memory: a.photon_memory,
+        passes: a.passes,
+        pass_range: a.pass_range.clone(),
+        seed: a.seed,
+        timed: a.time.is_some(),
+        clamp: a.clamp,
+        track_error: a.aov.contains(&Aov::Variance),
+        track_bias: a.aov.contains(&Aov::Bias),
+        target_error: a.target_error,
+        layers: layers::wanted(a),
+        needs: a.scene.needs.clone(),
+        ..PlanOverrides::default()
+    };
+    let loaded = started.elapsed().as_secs_f64();
+    let choice = choose(&mut scene, &overrides)?;
+    if let Some(choice) = &choice {
+        overrides.integrator = Some(choice.method.to_owned());
+    }
+    let choosing = started.elapsed().as_secs_f64() - loaded;
+    let mut plan = Plan::new(&scene, &overrides)?;
     if let Some(path) = &a.photon_map {
         super::map::load(path, &scene, &mut plan)?;
     }
@@ -69,7 +76,6 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
         None => Session::new(&scene, &plan),
     };
     let mut keeper = Keeper::new(a, &outputs)?;
-    let loaded = started.elapsed().as_secs_f64();
     let quiet = a.quiet || a.json;
     if !quiet {
         for w in &scene.warnings {
@@ -84,6 +90,9 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             plan.method.name(),
             scene.accel.description()
         );
+        if let Some(choice) = &choice {
+            eprintln!("chose {} ({})", choice.method, choice.reason);
+        }
     }
     // Render; Ctrl-C ends it after the running pass.
     let stop = super::stop_flag("finishing the running pass")?;
@@ -92,6 +101,9 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     let mut rendering = render_from(session, &control, &mut |session, last| keeper.after_pass(session, last));
     reporter.finish();
     rendering.summary.add_phase("load", loaded);
+    if choice.is_some() {
+        rendering.summary.add_phase("choose integrator", choosing);
+    }
     // Write every output.
     let seconds = started.elapsed().as_secs_f64();
     describe(&mut rendering.image, &scene, &rendering.summary, seconds);
@@ -116,6 +128,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             rays_per_second: summary.counters.rays() as f64 / (seconds - loaded).max(1e-9),
             accel_memory: scene.accel.memory(),
             mean: crate::image::metrics::mean_rgb(&rendering.image).unwrap_or([f64::NAN; 3]),
+            choice: choice.as_ref(),
             summary,
         };
         let text = serde_json::to_string_pretty(&report).map_err(|e| CliError::Failed(e.to_string()))?;

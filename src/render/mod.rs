@@ -1,5 +1,6 @@
 //! Passes over the film: the plan of a render, its clock, its statistics.
 
+mod auto;
 mod checkpoint;
 mod doubt;
 mod forecast;
@@ -12,6 +13,7 @@ mod session;
 mod spread;
 mod summary;
 
+pub use auto::{AUTO, Choice, Trial, choose};
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use doubt::Doubt;
 pub use forecast::Forecast;

@@ -1,6 +1,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use super::auto::AUTO;
 use crate::gather::cache::CacheSettings;
 use crate::gather::{AreaSettings, LookupSettings};
 use crate::integrator::vcm::Merging;
@@ -83,6 +84,8 @@ pub struct PlanOverrides {
 pub enum PlanError {
     #[error("unknown integrator {found:?}; known are {}{}", METHODS.join(", "), hint(.found))]
     UnknownIntegrator { found: String },
+    #[error("the integrator \"auto\" is chosen where a picture is rendered; name one here: {}", METHODS.join(", "))]
+    NotChosen,
     #[error("integrator {found:?} is not yet supported; known are {}", METHODS.join(", "))]
     NotYetSupported { found: String },
     #[error(
@@ -154,6 +157,7 @@ impl Plan {
             "ptracer" => Method::LightTracer(bidirectional(settings, own, VcmSettings::ptracer())),
             "bdpt" => Method::Bidirectional(bidirectional(settings, own, VcmSettings::bdpt())),
             "vcm" => Method::Vcm(bidirectional(settings, own, VcmSettings::default())),
+            AUTO => return Err(PlanError::NotChosen),
             other if KNOWN_LATER.contains(&other) => {
                 return Err(PlanError::NotYetSupported { found: other.to_owned() });
             }
@@ -232,7 +236,7 @@ impl Plan {
 }
 
 /// Integrators that the scene format names and that are not built yet.
-const KNOWN_LATER: [&str; 3] = ["volpath", "volpathmis", "auto"];
+const KNOWN_LATER: [&str; 2] = ["volpath", "volpathmis"];
 
 fn max_depth(s: &IntegratorSettings) -> MaxDepth {
     let d = s.integer("max_depth").unwrap_or(-1);

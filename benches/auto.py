@@ -1,0 +1,78 @@
+#!/usr/bin/env python3
+"""What `--integrator auto` picks, and how much later than the best method it has a small error.
+
+    cargo build --release && python3 benches/auto.py
+
+Measures the time of every method to a relMSE of 1e-2 on every scene in scenes/, makes the choice, and prints a table: the
+pilot's time plus the time of the method chosen, over the time of the best. Takes about fifteen minutes.
+"""
+
+import argparse
+import json
+import pathlib
+import subprocess
+import tempfile
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+METHODS = ["path", "photonmapper", "sppm", "bdpt", "vcm"]
+# Two methods that find the light of a scene; elsewhere the program's own pair.
+REFERENCE = {"pool": "sppm,vcm", "ring": "sppm,vcm", "environment": "path,bdpt", "terrain": "path,bdpt"}
+GOAL = 1e-2
+
+
+def run(args, *command):
+    return subprocess.run([str(c) for c in (args.caustica, *command)], check=True, capture_output=True, text=True).stdout
+
+
+def measure(args, scene, folder):
+    """Seconds to the goal by method, the choice, and the seconds that choosing took."""
+    size = ["--width", args.size, "--height", args.size]
+    reference = folder / f"{scene.stem}.exr"
+    methods = ["--methods", REFERENCE[scene.stem]] if scene.stem in REFERENCE else []
+    if not reference.exists():
+        run(args, "reference", scene, "-o", reference, *size, "--time", args.reference_time, *methods)
+    report = folder / scene.stem
+    if not (report / "report.json").exists():
+        measured = ["--integrators", ",".join(METHODS), "--time", args.time, "--seeds", args.seeds]
+        run(args, "converge", scene, "-o", report, *size, "--reference", reference, *measured)
+    found = json.loads((report / "report.json").read_text())
+    times = {}
+    for series in found["series"]:
+        reached = [r["seconds"] for r in series["outcome"]["reached"] if abs(r["relmse"] - GOAL) < 1e-6 * GOAL]
+        times[series["method"]] = reached[0] if reached else None
+    # The median of a few pilots.
+    pilots = []
+    for _ in range(5):
+        command = ["render", scene, "-o", folder / "pilot.exr", *size, "--integrator", "auto", "--spp", "1", "--json"]
+        told = json.loads(run(args, *command))
+        pilots.append(next(p["seconds"] for p in told["phases"] if p["name"] == "choose integrator"))
+    return times, told["choice"]["method"], sorted(pilots)[2]
+
+
+def main():
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--caustica", default=ROOT / "target/release/caustica")
+    p.add_argument("--size", default="128")
+    p.add_argument("--time", default="15s")
+    p.add_argument("--reference-time", default="60s")
+    p.add_argument("--seeds", default="1")
+    p.add_argument("--keep", type=pathlib.Path, help="folder for references and reports, which are then not made again")
+    args = p.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = args.keep or pathlib.Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        print("| scene | " + " | ".join(METHODS) + " | chosen | pilot | with pilot over best |")
+        print("|---" * (len(METHODS) + 4) + "|")
+        for scene in sorted((ROOT / "scenes").glob("*.xml")):
+            if scene.stem == "terrain" and not (scene.parent / "terrain.ply").exists():
+                print(f"| {scene.stem} | needs its mesh: see the scene file |")
+                continue
+            times, method, pilot = measure(args, scene, folder)
+            cells = ["–" if times[m] is None else f"{times[m]:.2f} s" for m in METHODS]
+            best = min((t for t in times.values() if t is not None), default=None)
+            ratio = "–" if None in (best, times[method]) else f"{(times[method] + pilot) / best:.2f}"
+            print(f"| {scene.stem} | " + " | ".join(cells) + f" | {method} | {pilot:.2f} s | {ratio} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

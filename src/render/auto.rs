@@ -1,0 +1,219 @@
+//! `--integrator auto`: a short pilot of the methods that converge to the truth, and the one that promises most.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::{Control, Plan, PlanError, PlanOverrides, Session, Silent};
+use crate::color::Rgb;
+use crate::image::metrics::RELMSE_EPSILON;
+use crate::image::{Image, block_means};
+use crate::integrator::VcmSettings;
+use crate::integrator::vcm::{Merging, Recipe};
+use crate::scene::{Needs, Scene};
+use crate::tally::Counters;
+
+/// The name that asks for a choice.
+pub const AUTO: &str = "auto";
+
+/// Passes of one camera sample per pixel in a pilot: two are the fewest that tell noise, and the pixels are many.
+const PASSES: u64 = 2;
+
+/// Pixels of a pilot at most; a larger film is tried at a lower resolution.
+const MOST_PIXELS: u64 = 256 * 256;
+
+/// The error (relMSE) that the methods race to.
+const GOAL: f64 = 1e-2;
+
+/// Share of the goal that light which a method has not found may take; beyond, its noise cannot be believed.
+const LEAST_MISSING: f64 = 0.25;
+
+/// What the pilot of one method found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Trial {
+    pub method: &'static str,
+    /// relMSE of one pass as the passes differ.
+    pub noise: f64,
+    /// relMSE over blocks against the widest method, as far as it stands out from noise: blur, or light not found.
+    pub off: f64,
+    /// Cost of a pass per pixel, in closest-hit rays.
+    pub work: f64,
+    /// Passes to a relMSE of 10⁻²; infinite where `off` forbids it.
+    pub passes: f64,
+}
+
+impl Trial {
+    /// Work to the goal, rays per pixel.
+    pub fn work_to_goal(&self) -> f64 {
+        self.work * self.passes
+    }
+}
+
+/// The method chosen, and why.
+#[derive(Clone, Debug, Serialize)]
+pub struct Choice {
+    pub method: &'static str,
+    pub reason: String,
+    pub trials: Vec<Trial>,
+}
+
+/// Picks a method where `auto` is asked for, by the scene or by `o`; `None` where a method is named.
+///
+/// Candidates are the methods whose error vanishes: `path`, `sppm`, and `vcm` or, where nothing focuses light and it would
+/// be the same, `bdpt`. Each makes two passes. Their differences tell its noise, and its difference from the last, which
+/// can sample what the others can, tells light that it has not found. Cost is counted in rays and look-ups rather than in
+/// seconds, so that the choice depends on the scene and the seed alone.
+///
+/// # Errors
+/// As [`Plan::new`].
+pub fn choose(scene: &mut Scene, o: &PlanOverrides) -> Result<Option<Choice>, PlanError> {
+    if o.integrator.as_deref().unwrap_or(&scene.integrator.name) != AUTO {
+        return Ok(None);
+    }
+    let max_depth = scene.integrator.integer("max_depth").and_then(|d| u32::try_from(d).ok());
+    if let Some(edges @ 0..=2) = Needs::of(scene, max_depth, &o.needs).longest_path() {
+        let reason = format!("paths have at most {edges} edges: light samples find all there is");
+        return Ok(Some(Choice { method: "path", reason, trials: Vec::new() }));
+    }
+    let merges = Recipe::new(scene, &VcmSettings::default()).settings.merging != Merging::Off;
+    let widest = if merges { "vcm" } else { "bdpt" };
+    // Look at a smaller film for so long.
+    let (camera, film) = (scene.camera, scene.film);
+    let window = film.window.shrunk(MOST_PIXELS);
+    scene.camera = camera.with_film(window);
+    (scene.film.window, scene.film.width, scene.film.height) = (window, window.crop_size.0, window.crop_size.1);
+    let pilots: Result<Vec<Pilot>, PlanError> =
+        ["path", "sppm", widest].into_iter().map(|method| Pilot::run(scene, method, o)).collect();
+    (scene.camera, scene.film) = (camera, film);
+    Ok(Some(judge(&pilots?)))
+}
+
+/// Compares all with the last.
+fn judge(pilots: &[Pilot]) -> Choice {
+    let widest = pilots.last().expect("there are candidates");
+    let guide = guide(pilots);
+    let trials: Vec<Trial> = pilots.iter().map(|p| p.against(widest, &guide)).collect();
+    let best =
+        trials.iter().min_by(|a, b| a.work_to_goal().total_cmp(&b.work_to_goal())).expect("there are candidates");
+    let tell = |t: &Trial| match t.passes.is_finite() {
+        true => format!("{} {:.3e}", t.method, t.work_to_goal()),
+        false => format!("{} does not find all light", t.method),
+    };
+    let told: Vec<String> = trials.iter().map(tell).collect();
+    let reason = format!("rays per pixel to relmse {GOAL}: {}", told.join(", "));
+    Choice { method: best.method, reason, trials: trials.clone() }
+}
+
+/// The picture as far as it is known, squared, for errors to be relative to: medians of the methods, each smoothed over
+/// 3 × 3 pixels.
+fn guide(pilots: &[Pilot]) -> Vec<[f64; 3]> {
+    let images: Vec<Image> = pilots.iter().map(|p| smooth(&p.image)).collect();
+    let square = |i: usize, c: usize| {
+        let mut values: Vec<f32> = images.iter().map(|image| image.pixels()[i][c]).collect();
+        values.sort_unstable_by(f32::total_cmp);
+        f64::from(values[values.len() / 2]).powi(2) + RELMSE_EPSILON * RELMSE_EPSILON
+    };
+    (0..images[0].pixels().len()).map(|i| [0, 1, 2].map(|c| square(i, c))).collect()
+}
+
+/// Means over each pixel and those around it.
+fn smooth(image: &Image) -> Image {
+    let around = |x: u32, end: u32| x.saturating_sub(1)..(x + 2).min(end);
+    Image::from_fn(image.width(), image.height(), |x, y| {
+        let (columns, rows) = (around(x, image.width()), around(y, image.height()));
+        let n = columns.len() * rows.len();
+        rows.flat_map(|y| columns.clone().map(move |x| image.pixel(x, y))).sum::<Rgb>() * (1.0 / n as f32)
+    })
+}
+
+/// Two passes of a method.
+struct Pilot {
+    method: &'static str,
+    work: f64,
+    image: Image,
+    /// Variance of one pass.
+    noise: Vec<Rgb>,
+    /// Means over blocks, and the variances of those.
+    means: Image,
+    variance: Vec<Rgb>,
+}
+
+impl Pilot {
+    fn run(scene: &Scene, method: &'static str, o: &PlanOverrides) -> Result<Self, PlanError> {
+        let overrides = PlanOverrides {
+            integrator: Some(method.to_owned()),
+            spp: Some(PASSES),
+            passes: Some(PASSES),
+            track_error: true,
+            seed: o.seed,
+            photons: o.photons,
+            photon_memory: o.photon_memory,
+            needs: o.needs.clone(),
+            ..PlanOverrides::default()
+        };
+        let plan = Plan::new(scene, &overrides)?;
+        let stop = AtomicBool::new(false);
+        let control = Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent };
+        let mut session = Session::new(scene, &plan);
+        while !session.finished() {
+            session.step(&control);
+        }
+        let image = session.image();
+        let doubt = session.doubt().expect("the plan tracks its error");
+        Ok(Self {
+            method,
+            work: work(&session.summary.counters) / (PASSES as usize * image.pixels().len()) as f64,
+            noise: doubt.variance().expect("two passes").iter().map(|&v| v * PASSES as f32).collect(),
+            means: block_means(&image),
+            variance: doubt.block_variance().expect("two passes"),
+            image,
+        })
+    }
+
+    fn against(&self, widest: &Self, guide: &[[f64; 3]]) -> Trial {
+        let relative = |(v, g): (&Rgb, &[f64; 3])| (0..3).map(|c| f64::from(v[c]) / g[c]).sum::<f64>() / 3.0;
+        let noise = self.noise.iter().zip(guide).map(relative).sum::<f64>() / guide.len() as f64;
+        let mut offs = vec![0.0; self.variance.len()];
+        for (i, off) in offs.iter_mut().enumerate() {
+            for c in 0..3 {
+                let of = |image: &Image| f64::from(image.pixels()[i][c]);
+                let (a, b) = (of(&self.means), of(&widest.means));
+                let unit = 3.0 * (b * b + RELMSE_EPSILON * RELMSE_EPSILON);
+                *off += ((a - b).powi(2) - f64::from(self.variance[i][c]) - f64::from(widest.variance[i][c])) / unit;
+            }
+        }
+        let off = if std::ptr::eq(self, widest) { 0.0 } else { above_noise(&offs) };
+        Trial { method: self.method, noise, off, work: self.work, passes: passes_to_goal(self.method, noise, off) }
+    }
+}
+
+/// The mean of values from blocks, less two of its standard errors; at least 0.
+fn above_noise(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    (mean - 2.0 * (squares / (n * (n - 1.0).max(1.0))).sqrt()).max(0.0)
+}
+
+/// Passes until noise and blur together are below the goal.
+///
+/// Photon maps lose noise with the 2/3rd power of the passes, and what their discs blur along edges with the cube root of
+/// it (α = 2/3). What another method has not found after two passes is not noise that its passes tell of: infinite.
+fn passes_to_goal(method: &str, noise: f64, off: f64) -> f64 {
+    if method != "sppm" {
+        return if off > LEAST_MISSING * GOAL { f64::INFINITY } else { (noise / GOAL).max(1.0) };
+    }
+    let (mut low, mut high) = (1.0f64, 1e12f64);
+    while high > 1.001 * low {
+        let n = (low * high).sqrt();
+        let error = noise * n.powf(-2.0 / 3.0) + off * n.powf(-1.0 / 3.0);
+        *(if error > GOAL { &mut low } else { &mut high }) = n;
+    }
+    high
+}
+
+/// Closest-hit rays that everything counted is worth.
+fn work(c: &Counters) -> f64 {
+    c.camera_rays as f64 + 1.3 * c.photon_rays as f64 + 0.7 * c.shadow_rays as f64 + 1.5 * c.photon_queries as f64
+}

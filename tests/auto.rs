@@ -1,0 +1,68 @@
+//! `--integrator auto`: it picks what suits the scene, the same each time, and says why.
+
+mod common;
+
+use caustica::accel::AccelKind;
+use caustica::render::{PlanOverrides, choose};
+use common::program::Folder;
+use common::{floor_under_a_pane, scene};
+
+/// A ball on a floor under a grey sky: light samples find everything at once.
+const UNDER_THE_SKY: &str = r#"<scene version="3.0.0">
+  <integrator type="auto"/>
+  <sensor type="perspective">
+    <transform name="to_world"><lookat origin="0, 1.2, 4" target="0, 0.4, 0" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="48"/><integer name="height" value="32"/></film>
+    <sampler type="independent"><integer name="sample_count" value="4"/></sampler>
+  </sensor>
+  <shape type="rectangle"><transform name="to_world"><scale value="4"/><rotate x="1" angle="-90"/></transform></shape>
+  <shape type="sphere"><point name="center" x="0" y="0.5" z="0"/><float name="radius" value="0.5"/></shape>
+  <emitter type="constant"/>
+</scene>"#;
+
+fn chosen(xml: &str) -> String {
+    let mut s = scene(xml, AccelKind::Bvh);
+    let window = s.camera.window();
+    let o = PlanOverrides { integrator: Some("auto".into()), ..PlanOverrides::default() };
+    let choice = choose(&mut s, &o).expect("a plan").expect("a choice was asked for");
+    assert_eq!(s.camera.window(), window, "the film is as it was");
+    choice.method.to_owned()
+}
+
+#[test]
+fn the_method_suits_the_scene() {
+    assert_eq!(chosen(UNDER_THE_SKY), "path");
+    // Path tracing finds nothing under a pane and would report no noise at all.
+    let pane = chosen(&floor_under_a_pane(""));
+    assert!(["sppm", "vcm"].contains(&pane.as_str()), "{pane}");
+    // Direct light alone.
+    let shallow = UNDER_THE_SKY.replace(r#""auto"/>"#, r#""auto"><integer name="max_depth" value="2"/></integrator>"#);
+    assert_eq!(chosen(&shallow), "path");
+}
+
+#[test]
+fn a_named_method_is_no_choice() {
+    let mut s = scene(&floor_under_a_pane(""), AccelKind::Bvh);
+    assert!(choose(&mut s, &PlanOverrides::default()).expect("a plan").is_none());
+}
+
+#[test]
+fn a_large_film_is_tried_in_small_and_rendered_whole() {
+    let f = Folder::new(&UNDER_THE_SKY.replace("\"48\"", "\"600\"").replace("\"32\"", "\"400\""));
+    let report = f.json("render scene.xml -o a.exr --json --spp 1");
+    assert_eq!((report["choice"]["method"].as_str(), report["integrator"].as_str()), (Some("path"), Some("path")));
+    assert_eq!(report["choice"]["trials"].as_array().map(Vec::len), Some(3));
+    assert_eq!((f.image("a.exr").width(), f.image("a.exr").height()), (600, 400));
+    // The choice depends on the scene and the seed alone.
+    let again = f.json("render scene.xml -o b.exr --json --spp 1 --threads 3");
+    assert_eq!(report["choice"], again["choice"]);
+    assert_eq!(f.image("a.exr").pixels(), f.image("b.exr").pixels());
+}
+
+#[test]
+fn the_choice_is_told() {
+    let f = Folder::new(UNDER_THE_SKY);
+    assert!(f.succeeds("info scene.xml").contains("auto"));
+    let told = f.run("render scene.xml -o a.exr --spp 1");
+    assert!(String::from_utf8_lossy(&told.stderr).contains("chose path (rays per pixel to relmse"));
+}
