@@ -85,7 +85,7 @@ fn replay(scene: &Scene, walk: &WalkSettings, key: Key, index: u64) -> Vec<Ray> 
     let (mut ray, mut depth) = (le.ray, 0);
     while !flux.is_black() && flux.is_finite() {
         rays.push(ray);
-        let Some(si) = scene.intersect(&ray) else { break };
+        let Some(si) = scene.intersect(&mut ray) else { break };
         depth += 1;
         let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
         let Some(s) = scene.bsdf(&si).sample(si.wo, u_lobe, u, Mode::Importance, LobeMask::ALL) else { break };
@@ -98,7 +98,7 @@ fn replay(scene: &Scene, walk: &WalkSettings, key: Key, index: u64) -> Vec<Ray> 
             }
             flux = flux / survive;
         }
-        ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        ray = si.spawn_ray(s.wi);
     }
     rays
 }

@@ -199,7 +199,7 @@ fn meets_again(kind: AccelKind, instanced: bool, triangles: u64) -> (u32, u32) {
             for _ in 0..4 {
                 let d = warp::uniform_sphere(s.next_2d());
                 rays += 1;
-                again += accel.occluded(&Ray::new(si.spawn_origin(d), d)) as u32;
+                again += accel.occluded(&si.spawn_ray(d)) as u32;
             }
         }
     }

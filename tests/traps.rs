@@ -67,7 +67,7 @@ fn estimate(photons: impl Iterator<Item = Photon>, size: u32, radius: f32) -> Ma
 }
 
 fn middle(scene: &Scene) -> SurfaceInteraction {
-    scene.intersect(&Ray::new(Vec3::new(0.0, 0.0, 0.5), -Vec3::Z)).expect("the square")
+    scene.intersect(&mut Ray::new(Vec3::new(0.0, 0.0, 0.5), -Vec3::Z)).expect("the square")
 }
 
 fn settings(photons: u64, target: Target) -> ShootSettings {

@@ -100,18 +100,18 @@ fn camera_ray(camera: &Camera, index: u64, count: u64, sampler: &mut Sampler) ->
 }
 
 fn camera_path(scene: &Scene, class: Class, index: u64, count: u64, sampler: &mut Sampler, rays: &mut Vec<Ray>) {
-    let primary = camera_ray(&scene.camera, index, count, sampler);
+    let mut primary = camera_ray(&scene.camera, index, count, sampler);
     if class == Class::Primary {
         rays.push(primary);
         return;
     }
-    let Some(mut si) = scene.intersect(&primary) else { return };
+    let Some(mut si) = scene.intersect(&mut primary) else { return };
     if class == Class::Shadow {
         rays.extend(shadow_ray(scene, &si, sampler));
         return;
     }
     for edge in 0..EDGES {
-        let ray = diffuse_ray(&si, sampler);
+        let mut ray = diffuse_ray(&si, sampler);
         if class == Class::Diffuse {
             rays.push(ray);
             return;
@@ -119,7 +119,7 @@ fn camera_path(scene: &Scene, class: Class, index: u64, count: u64, sampler: &mu
         if edge > 0 {
             rays.push(ray);
         }
-        let Some(next) = scene.intersect(&ray) else { return };
+        let Some(next) = scene.intersect(&mut ray) else { return };
         si = next;
     }
 }
@@ -127,7 +127,7 @@ fn camera_path(scene: &Scene, class: Class, index: u64, count: u64, sampler: &mu
 fn diffuse_ray(si: &SurfaceInteraction, sampler: &mut Sampler) -> Ray {
     let n = if si.ng.dot(si.wo) < 0.0 { -si.ng } else { si.ng };
     let d = Frame::from_normal(n).to_world(warp::cosine_hemisphere(sampler.next_2d()));
-    Ray::new(si.spawn_origin(d), d)
+    si.spawn_ray(d)
 }
 
 fn shadow_ray(scene: &Scene, si: &SurfaceInteraction, sampler: &mut Sampler) -> Option<Ray> {
@@ -144,7 +144,7 @@ fn photon_path(scene: &Scene, sampler: &mut Sampler, rays: &mut Vec<Ray>) {
     let mut ray = le.ray;
     for _ in 0..EDGES {
         rays.push(ray);
-        let Some(si) = scene.intersect(&ray) else { return };
+        let Some(si) = scene.intersect(&mut ray) else { return };
         let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
         let sample = scene.bsdf(&si).sample(si.wo, u_lobe, u, Mode::Importance, LobeMask::ALL);
         // Russian roulette by what is left, as photon tracing does it.
@@ -152,6 +152,6 @@ fn photon_path(scene: &Scene, sampler: &mut Sampler, rays: &mut Vec<Ray>) {
         if sampler.next_1d() >= s.weight.max_channel() {
             return;
         }
-        ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        ray = si.spawn_ray(s.wi);
     }
 }

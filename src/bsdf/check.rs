@@ -100,6 +100,7 @@ pub fn may_have(materials: &[Material], id: MaterialId, mask: LobeMask) -> bool 
         Material::Diffuse { .. } => LobeMask::DIFFUSE,
         Material::Dielectric { .. } | Material::Conductor { .. } => LobeMask::DELTA,
         Material::ThinDielectric { .. } => LobeMask::DELTA | LobeMask::NULL,
+        Material::RoughDielectric { filling: Some(_), .. } => rough,
         Material::RoughDielectric { roughness, .. } | Material::RoughConductor { roughness, .. } => {
             match (roughness.alpha_u, roughness.alpha_v) {
                 (FloatParam::Const(u), FloatParam::Const(v)) => LobeMask::of_roughness(u.min(v)),
@@ -138,6 +139,7 @@ mod tests {
         assert!(matches!(check(&[blend(1, 1), blend(0, 0)]), Err(MaterialError::Cycle(_))));
         let glass = Material::Dielectric {
             ior: super::super::Ior::new(1.5, 1.0),
+            filling: None,
             reflectance: Rgb::WHITE.into(),
             transmittance: Rgb::WHITE.into(),
         };

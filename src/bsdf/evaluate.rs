@@ -22,7 +22,8 @@ use crate::texture::{ColorParam, FloatParam, Textures};
 /// Looks up everything that the material says at `si` and decides its sides for `si.wo`.
 ///
 /// The result answers for that `wo`, and for swapped pairs that have it as `wi`. `materials` must have passed
-/// [`check`](super::check).
+/// [`check`](super::check). `met` is the ratio of indices between the media that meet here, where overlaps decide it rather
+/// than the material.
 #[inline(always)]
 pub fn evaluate(
     materials: &[Material],
@@ -30,6 +31,7 @@ pub fn evaluate(
     id: MaterialId,
     si: &SurfaceInteraction,
     geometry: &GeometrySet,
+    met: Option<Ior>,
 ) -> Bsdf {
     let mut id = id;
     let mut front = si.wo.dot(si.ng) > 0.0;
@@ -47,7 +49,7 @@ pub fn evaluate(
                 let reflectance = textures.color(*reflectance, si, geometry);
                 return Bsdf::Diffuse(DiffuseBsdf { ns: si.ns * flip, ng: si.ng * flip, reflectance });
             }
-            _ => return evaluate_lobes(materials, textures, (id, front, flip), si, geometry),
+            _ => return evaluate_lobes(materials, textures, (id, front, flip), si, geometry, met),
         }
     }
 }
@@ -61,10 +63,11 @@ fn evaluate_lobes(
     (id, front, flip): (MaterialId, bool, f32),
     si: &SurfaceInteraction,
     geometry: &GeometrySet,
+    met: Option<Ior>,
 ) -> Bsdf {
     let mut frame = Frame::from_normal_tangent(si.ns, si.dpdu);
     frame.n *= flip;
-    let mut point = Point { materials, textures, si, geometry, lobes: ArrayVec::new() };
+    let mut point = Point { materials, textures, si, geometry, met, lobes: ArrayVec::new() };
     point.flatten(id, Place { frame, front, weight: 1.0, shadow: 0.0 });
     from_lobes(Normals { ng: si.ng, ns: si.ns }, &point.lobes)
 }
@@ -75,6 +78,7 @@ struct Point<'a> {
     textures: &'a Textures,
     si: &'a SurfaceInteraction,
     geometry: &'a GeometrySet,
+    met: Option<Ior>,
     lobes: ArrayVec<Lobe, MAX_LOBES>,
 }
 
@@ -196,12 +200,12 @@ impl Point<'_> {
     /// Adds the lobes of a material that works on both sides.
     fn transmissive(&mut self, material: &Material, place: Place) {
         match material {
-            Material::Dielectric { ior, reflectance, transmittance } => {
-                let lobe = self.interface(*ior, *reflectance, *transmittance);
+            Material::Dielectric { ior, reflectance, transmittance, .. } => {
+                let lobe = self.interface(self.met.unwrap_or(*ior), *reflectance, *transmittance);
                 self.push(place, LobeMask::DELTA, Kind::Dielectric(lobe));
             }
-            Material::RoughDielectric { roughness, ior, reflectance, transmittance } => {
-                let smooth = self.interface(*ior, *reflectance, *transmittance);
+            Material::RoughDielectric { roughness, ior, reflectance, transmittance, .. } => {
+                let smooth = self.interface(self.met.unwrap_or(*ior), *reflectance, *transmittance);
                 // Between nearly equal media refraction bends by less than directions resolve.
                 match self.facets(roughness).filter(|f| f.sharpness() * smooth.ior.m.abs() > 2.0 * DELTA_ALPHA) {
                     Some(facets) => {

@@ -15,11 +15,17 @@ pub enum Material {
     /// Lambertian, one-sided. Default reflectance 0.5.
     Diffuse { reflectance: ColorParam },
     /// Smooth interface between two dielectrics. Defaults bk7 in air, tints 1.
-    Dielectric { ior: Ior, reflectance: ColorParam, transmittance: ColorParam },
+    Dielectric { ior: Ior, filling: Option<Filling>, reflectance: ColorParam, transmittance: ColorParam },
     /// Thin plate: reflects, or lets straight through. Defaults as for the dielectric.
     ThinDielectric { ior: Ior, reflectance: ColorParam, transmittance: ColorParam },
     /// Rough interface between two dielectrics. Defaults as for the dielectric.
-    RoughDielectric { roughness: Roughness, ior: Ior, reflectance: ColorParam, transmittance: ColorParam },
+    RoughDielectric {
+        roughness: Roughness,
+        ior: Ior,
+        filling: Option<Filling>,
+        reflectance: ColorParam,
+        transmittance: ColorParam,
+    },
     /// Smooth conductor of index `eta + i·k`, one-sided. Default `Cu`, tint 1.
     Conductor { eta: ColorParam, k: ColorParam, specular: ColorParam },
     /// Rough conductor, one-sided. Defaults as for the conductor.
@@ -46,6 +52,15 @@ pub enum Material {
     NormalMap { normals: ColorParam, nested: MaterialId },
     /// Not there: an interface between media.
     Null,
+}
+
+/// What fills a closed shape, where shapes may overlap: the filling with the highest priority is there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Filling {
+    pub priority: i32,
+    /// Its index, and that of what is around it where no filling is.
+    pub int_ior: f64,
+    pub ext_ior: f64,
 }
 
 /// Roughness of a microfacet material: `alpha` along the tangent and the bitangent. Defaults Beckmann, 0.1.
@@ -203,6 +218,21 @@ impl Material {
     /// True when the lobes may differ with the side from which the surface is looked at.
     pub fn is_composite(&self) -> bool {
         matches!(self, Self::Principled(_) | Self::PrincipledThin(_)) || !self.children().is_empty()
+    }
+
+    /// What the material says about the inside of closed shapes, itself or under a bent normal.
+    pub fn filling(materials: &[Material], id: MaterialId) -> Option<Filling> {
+        match &materials[id.0 as usize] {
+            Self::Dielectric { filling, .. } | Self::RoughDielectric { filling, .. } => *filling,
+            Self::BumpMap { nested, .. } | Self::NormalMap { nested, .. } => Self::filling(materials, *nested),
+            _ => None,
+        }
+    }
+
+    /// True when `id` or a material nested in it has a filling.
+    pub fn names_filling(materials: &[Material], id: MaterialId) -> bool {
+        Self::filling(materials, id).is_some()
+            || materials[id.0 as usize].children().into_iter().any(|c| Self::names_filling(materials, c))
     }
 
     /// Materials that this one refers to.

@@ -33,7 +33,7 @@ pub use evaluate::evaluate;
 pub use fresnel::{Fresnel, Ior, diffuse_reflectance, fresnel_conductor};
 pub use ior::{IOR_NAMES, ior_by_name};
 pub use lobe::{Lobe, LobeMask};
-pub use material::{Material, MaterialId, Plastic, Principled, PrincipledThin, RoughPlastic, Roughness};
+pub use material::{Filling, Material, MaterialId, Plastic, Principled, PrincipledThin, RoughPlastic, Roughness};
 pub use metal::{METAL_NAMES, metal_by_name};
 pub use microfacet::Distribution;
 pub use scatter::{Bsdf, BsdfSample, MAX_LOBES, Mode};

@@ -106,10 +106,10 @@ fn own_classes(material: &Material, textures: &Textures) -> LobeMask {
         Material::ThinDielectric { reflectance, transmittance, .. } => {
             lit(*reflectance, LobeMask::DELTA) | lit(*transmittance, LobeMask::NULL)
         }
-        Material::RoughDielectric { roughness, ior, reflectance, transmittance } => {
-            // Between nearly equal media the lobe becomes delta whatever its roughness.
+        Material::RoughDielectric { roughness, ior, filling, reflectance, transmittance } => {
+            // Between nearly equal media the lobe becomes delta whatever its roughness; overlaps may bring any two together.
             let sharpest = least(roughness.alpha_u).min(least(roughness.alpha_v)).clamp(DELTA_ALPHA, 1.0);
-            let nearly_equal = ior.m.abs() <= (1.0 + MARGIN) * 2.0 * DELTA_ALPHA / sharpest;
+            let nearly_equal = filling.is_some() || ior.m.abs() <= (1.0 + MARGIN) * 2.0 * DELTA_ALPHA / sharpest;
             let class = classes_of(roughness, textures) | if nearly_equal { LobeMask::DELTA } else { LobeMask::NONE };
             lit(*reflectance, class) | lit(*transmittance, class)
         }

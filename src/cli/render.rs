@@ -104,6 +104,13 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     if choice.is_some() {
         rendering.summary.add_phase("choose integrator", choosing);
     }
+    if let (Some(f), false) = (scene.nesting_faults().filter(|f| f.lost + f.stray > 0), quiet) {
+        eprintln!(
+            "caustica: warning: dielectrics with priorities: {} crossings left what had not been entered (holes, normals \
+             inwards, or surfaces that coincide), {} found more than eight inside one another",
+            f.stray, f.lost
+        );
+    }
     // Write every output.
     let seconds = started.elapsed().as_secs_f64();
     describe(&mut rendering.image, &scene, &rendering.summary, seconds);

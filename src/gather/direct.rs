@@ -2,7 +2,7 @@
 
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
-use crate::geometry::{Ray, SurfaceInteraction};
+use crate::geometry::SurfaceInteraction;
 use crate::math::Vec3;
 use crate::sample::Sampler;
 use crate::scene::Scene;
@@ -121,8 +121,8 @@ pub fn sample_lobe_light(
     let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
     let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, mask)?;
     counters.camera_rays += 1;
-    let ray = Ray::new(si.spawn_origin(s.wi), s.wi);
-    let hit = match scene.hit(&ray) {
+    let mut ray = si.spawn_ray(s.wi);
+    let hit = match scene.hit(&mut ray) {
         Some(hit) if scene.shape_lights[hit.shape as usize].is_none() => return None,
         hit => hit.map(|hit| scene.interaction(&ray, &hit)),
     };

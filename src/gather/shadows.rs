@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use super::cells::{Entry, LEVELS, Table, exp2, facing, key, level_below};
-use crate::geometry::{Ray, SurfaceInteraction};
+use crate::geometry::SurfaceInteraction;
 use crate::math::Vec3;
 use crate::sample::{Key, Purpose, Sampler, Sequence, hash_u64};
 use crate::scene::Scene;
@@ -114,13 +114,13 @@ fn follow(scene: &Scene, key: Key, index: u64, photons: &mut Vec<ShadowPhoton>) 
         return;
     }
     let Some(le) = scene.lights[light].sample_le(&scene.light_context(), u_pos, u_dir) else { return };
-    let mut ray = le.ray;
+    let mut ray = scene.from_light(le.ray);
     for hits in 0..MAX_HITS {
-        let Some(hit) = scene.hit(&ray) else { return };
+        let Some(hit) = scene.hit(&mut ray) else { return };
         let si = scene.interaction(&ray, &hit);
         let facing = facing(si.ng, si.wo.dot(si.ng) > 0.0);
         photons.push(ShadowPhoton { p: si.p, facing, light: light as u32, lit: hits == 0 });
-        ray = Ray::new(si.spawn_origin(ray.d), ray.d);
+        ray = si.spawn_ray(ray.d);
     }
 }
 

@@ -1,6 +1,7 @@
 //! Rays, triangle meshes, analytic shapes, hits and what is known about the point that was hit.
 
 pub mod generate;
+mod interior;
 pub mod lathe;
 mod mesh;
 mod outlook;
@@ -12,6 +13,7 @@ mod shape;
 mod tests;
 mod triangle;
 
+pub use interior::Interior;
 pub use mesh::{PaddedVec3s, TriangleMesh, VertexAttribute};
 pub use outlook::{Outlook, corners};
 pub use ray::{Hit, NO_INSTANCE, Ray};

@@ -93,6 +93,8 @@ impl Parametrised {
             prim: 0,
             instance: super::NO_INSTANCE,
             barycentric: Vec2::ZERO,
+            near: Default::default(),
+            far: Default::default(),
         }
     }
 }

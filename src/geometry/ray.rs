@@ -1,22 +1,28 @@
 use glam::Vec3;
 
+use super::Interior;
+
 /// A half-open segment `o + t·d`, `0 < t < tmax`. `d` need not be a unit vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
     pub o: Vec3,
     pub d: Vec3,
     pub tmax: f32,
+    /// What was travelled before `o`, through interfaces that are none, in units of `t`.
+    pub passed: f32,
+    /// The media that `o` lies in, those with priorities.
+    pub inside: Interior,
 }
 
 impl Ray {
     #[inline]
     pub fn new(o: Vec3, d: Vec3) -> Self {
-        Self { o, d, tmax: f32::INFINITY }
+        Self::segment(o, d, f32::INFINITY)
     }
 
     #[inline]
     pub fn segment(o: Vec3, d: Vec3, tmax: f32) -> Self {
-        Self { o, d, tmax }
+        Self { o, d, tmax, passed: 0.0, inside: Interior::NONE }
     }
 
     #[inline]

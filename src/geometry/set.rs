@@ -1,6 +1,6 @@
 use glam::{DMat4, DVec3, Vec2, Vec3};
 
-use super::{Hit, NO_INSTANCE, Ray, Shape};
+use super::{Hit, Interior, NO_INSTANCE, Ray, Shape};
 use crate::math::{Bounds3, Transform, gamma};
 
 /// A placed copy of a group of shapes.
@@ -30,7 +30,7 @@ impl Instance {
         Ray {
             o: inv.transform_point3(ray.o.as_dvec3()).as_vec3(),
             d: inv.transform_vector3(ray.d.as_dvec3()).as_vec3(),
-            tmax: ray.tmax,
+            ..*ray
         }
     }
 
@@ -155,6 +155,9 @@ pub struct SurfaceInteraction {
     pub instance: u32,
     /// Barycentric weights of the second and third vertex, for mesh attributes.
     pub barycentric: Vec2,
+    /// The media with priorities around the point, on the side of `wo` and on the other.
+    pub near: Interior,
+    pub far: Interior,
 }
 
 impl SurfaceInteraction {
@@ -162,5 +165,20 @@ impl SurfaceInteraction {
     #[inline]
     pub fn spawn_origin(&self, w: Vec3) -> Vec3 {
         crate::math::offset_ray_origin(self.p, self.p_err, self.ng, w)
+    }
+
+    /// The media on the side of `w`.
+    #[inline]
+    pub fn inside(&self, w: Vec3) -> Interior {
+        if self.near == self.far || (w.dot(self.ng) > 0.0) == (self.wo.dot(self.ng) > 0.0) {
+            return self.near;
+        }
+        self.far
+    }
+
+    /// The ray that leaves along `w`.
+    #[inline]
+    pub fn spawn_ray(&self, w: Vec3) -> Ray {
+        Ray { inside: self.inside(w), ..Ray::new(self.spawn_origin(w), w) }
     }
 }

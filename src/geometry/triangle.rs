@@ -233,6 +233,8 @@ impl TriangleMesh {
             prim,
             instance: hit.instance,
             barycentric: Vec2::new(u, v),
+            near: Default::default(),
+            far: Default::default(),
         }
     }
 }

@@ -4,7 +4,7 @@ use super::{CameraSample, Integrator};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
 use crate::gather::{sample_direct, sample_lobe_light};
-use crate::geometry::SurfaceInteraction;
+use crate::geometry::{Ray, SurfaceInteraction};
 use crate::sample::Sampler;
 use crate::scene::Scene;
 use crate::tally::Counters;
@@ -52,10 +52,12 @@ impl Integrator for Direct {
         let mut ray = sample.camera_ray.ray;
         let si = loop {
             counters.camera_rays += 1;
-            match scene.intersect(&ray) {
+            match scene.intersect(&mut ray) {
                 None if self.hide_emitters => return Rgb::BLACK,
                 None => return sample.camera_ray.weight * scene.environment_radiance(ray.d),
-                Some(si) if self.hide_emitters && scene.is_emitter(&si) => ray.o = si.spawn_origin(ray.d),
+                Some(si) if self.hide_emitters && scene.is_emitter(&si) => {
+                    ray = Ray { tmax: ray.tmax, ..si.spawn_ray(ray.d) };
+                }
                 Some(si) => break si,
             }
         };

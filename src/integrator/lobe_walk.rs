@@ -2,7 +2,7 @@ use super::{MaxDepth, roulette, specular_bounce};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::camera::CameraRay;
 use crate::color::Rgb;
-use crate::geometry::SurfaceInteraction;
+use crate::geometry::{Ray, SurfaceInteraction};
 use crate::sample::Sampler;
 use crate::scene::Scene;
 use crate::tally::Counters;
@@ -53,7 +53,7 @@ impl LobeWalk {
         while depth < max_depth {
             // Find the next surface; what leaves the scene sees the environment.
             counters.camera_rays += 1;
-            let Some(hit) = scene.hit(&ray) else {
+            let Some(hit) = scene.hit(&mut ray) else {
                 if !hide {
                     sights.light(beta * scene.environment_radiance(ray.d));
                 }
@@ -63,7 +63,7 @@ impl LobeWalk {
             length += si.t;
             if scene.is_emitter(&si) {
                 if hide {
-                    ray.o = si.spawn_origin(ray.d);
+                    ray = Ray { tmax: ray.tmax, ..si.spawn_ray(ray.d) };
                     continue;
                 }
                 sights.light(beta * scene.emitted(&si, si.wo));

@@ -65,5 +65,5 @@ fn roulette(beta: &mut Rgb, eta: f32, depth: u32, rr_depth: u32, sampler: &mut S
 fn specular_bounce(si: &SurfaceInteraction, bsdf: &Bsdf, sampler: &mut Sampler) -> Option<(Ray, Rgb, f32)> {
     let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
     let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SPECULAR)?;
-    Some((Ray::new(si.spawn_origin(s.wi), s.wi), s.weight, s.eta))
+    Some((si.spawn_ray(s.wi), s.weight, s.eta))
 }

@@ -4,6 +4,7 @@ use super::{CameraSample, Integrator, MaxDepth, roulette};
 use crate::bsdf::{LobeMask, Mode};
 use crate::color::Rgb;
 use crate::gather::{power_heuristic, sample_direct};
+use crate::geometry::Ray;
 use crate::math::Vec3;
 use crate::sample::Sampler;
 use crate::scene::Scene;
@@ -47,7 +48,7 @@ impl Integrator for Path {
         while depth < max_depth {
             // Find the next surface; what leaves the scene sees the environment.
             counters.camera_rays += 1;
-            let Some(hit) = scene.hit(&ray) else {
+            let Some(hit) = scene.hit(&mut ray) else {
                 if !hide {
                     let weight = if previous.delta {
                         1.0
@@ -62,7 +63,7 @@ impl Integrator for Path {
             // Add emitted light, shared with next-event estimation at the previous vertex.
             if scene.is_emitter(&si) {
                 if hide {
-                    ray.o = si.spawn_origin(ray.d);
+                    ray = Ray { tmax: ray.tmax, ..si.spawn_ray(ray.d) };
                     continue;
                 }
                 let emitted = scene.emitted(&si, si.wo);
@@ -93,7 +94,7 @@ impl Integrator for Path {
             beta *= s.weight;
             eta *= s.eta;
             previous = Previous { p: si.p, pdf: s.pdf, delta: !s.lobe.intersects(LobeMask::SMOOTH) };
-            ray = crate::geometry::Ray::new(si.spawn_origin(s.wi), s.wi);
+            ray = si.spawn_ray(s.wi);
             if !roulette(&mut beta, eta, depth, self.rr_depth, sampler) {
                 break;
             }

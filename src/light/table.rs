@@ -60,5 +60,7 @@ pub(super) fn at_uv(uv: Vec2) -> SurfaceInteraction {
         prim: 0,
         instance: NO_INSTANCE,
         barycentric: Vec2::ZERO,
+        near: Default::default(),
+        far: Default::default(),
     }
 }

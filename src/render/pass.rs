@@ -75,6 +75,6 @@ pub(super) fn camera_sample(
 ) -> (Vec2, CameraSample, Sampler) {
     let mut sampler = Sampler::new(scene.sampler.sequence, pixel_key, index);
     let film_pos = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-    let camera_ray = scene.camera.generate_ray(film_pos, sampler.next_2d());
+    let camera_ray = scene.camera_ray(film_pos, sampler.next_2d());
     (film_pos, CameraSample { camera_ray, pixel: (x, y) }, sampler)
 }

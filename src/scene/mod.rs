@@ -7,6 +7,7 @@ mod error;
 mod load;
 pub mod mesh_io;
 pub mod needs;
+mod nested;
 #[expect(clippy::module_inception)]
 mod scene;
 mod settings;
@@ -15,6 +16,7 @@ pub mod xml;
 pub use error::{Position, SceneError};
 pub use load::ToScene;
 pub use needs::{Item, Need, NeedOverride, Needs};
+pub use nested::NestingFaults;
 pub use scene::{LoadOptions, Scene, SceneStats};
 pub use settings::{FilmSettings, IntegratorSettings, ParamValue, SamplerSettings};
 

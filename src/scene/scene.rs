@@ -4,6 +4,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::load::{self, ToScene};
+use super::nested::Nested;
 use super::xml::{Document, ParseOptions};
 use super::{FilmSettings, IntegratorSettings, NeedOverride, SamplerSettings, SceneError};
 use crate::accel::{Accel, AccelKind};
@@ -62,6 +63,8 @@ pub struct Scene {
     pub shape_materials: Vec<MaterialId>,
     /// The area light of each shape that has one.
     pub shape_lights: Vec<Option<u32>>,
+    /// The media with priorities, if there are any.
+    pub(super) nested: Option<Nested>,
     pub lights: Vec<Light>,
     /// The light at infinity that escaping rays see.
     pub environment: Option<u32>,
@@ -95,49 +98,73 @@ impl Scene {
         load::load(&doc, options)
     }
 
-    /// The nearest surface along `ray`.
+    /// The nearest surface along `ray`, as [`hit`](Self::hit) finds it.
     #[inline(always)]
-    pub fn intersect(&self, ray: &Ray) -> Option<SurfaceInteraction> {
-        self.accel.intersect(ray).map(|hit| self.geometry.interaction(ray, &hit))
+    pub fn intersect(&self, ray: &mut Ray) -> Option<SurfaceInteraction> {
+        self.hit(ray).map(|hit| self.interaction(ray, &hit))
     }
 
     /// The nearest hit along `ray`. Loops that are hot ask for its [`interaction`](Self::interaction) themselves: without
     /// an `Option` around it, it is written once.
+    ///
+    /// Surfaces inside of a medium with a higher priority are passed: `ray` then starts behind the last of them.
     #[inline(always)]
-    pub fn hit(&self, ray: &Ray) -> Option<Hit> {
-        self.accel.intersect(ray)
+    pub fn hit(&self, ray: &mut Ray) -> Option<Hit> {
+        match &self.nested {
+            None => self.accel.intersect(ray),
+            Some(nested) => {
+                let (rest, hit) = self.hit_something(nested, *ray);
+                *ray = rest;
+                hit
+            }
+        }
     }
 
     /// What is known about a hit of `ray`.
     #[inline(always)]
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
-        self.geometry.interaction(ray, hit)
+        let mut si = self.geometry.interaction(ray, hit);
+        if self.nested.is_some() {
+            (si.near, si.far) = self.sides(ray.inside, hit.shape, si.wo.dot(si.ng) > 0.0);
+            si.t += ray.passed;
+        }
+        si
     }
 
     /// True when the light sample `li` reaches the surface point `si`.
     #[inline(always)]
     pub fn unoccluded(&self, si: &SurfaceInteraction, li: &LightLi) -> bool {
         if li.dist.is_infinite() {
-            return !self.accel.occluded(&Ray::new(si.spawn_origin(li.wi), li.wi));
+            return self.free(si.spawn_ray(li.wi), None);
         }
-        self.visible((si.p, si.p_err, si.ng), (li.p, li.p_err, li.n))
+        self.visible(si, (li.p, li.p_err, li.n))
     }
 
-    /// True when nothing stands between two points, each given with its error bound and its normal (of either side, zero
-    /// for points that are not on a surface). Both ends are moved off their surfaces.
+    /// True when nothing stands between a surface and a point, which is given with its error bound and its normal (of either
+    /// side, zero for points that are not on a surface). Both ends are moved off their surfaces.
     #[inline(always)]
-    pub fn visible(&self, from: (Vec3, Vec3, Vec3), to: (Vec3, Vec3, Vec3)) -> bool {
-        let w = to.0 - from.0;
-        let a = offset_ray_origin(from.0, from.1, from.2, w);
+    pub fn visible(&self, from: &SurfaceInteraction, to: (Vec3, Vec3, Vec3)) -> bool {
+        let w = to.0 - from.p;
+        let a = from.spawn_origin(w);
         let b = offset_ray_origin(to.0, to.1, to.2, -w);
-        !self.accel.occluded(&Ray::segment(a, b - a, 1.0 - 4.0 * f32::EPSILON))
+        let ray = Ray { inside: from.inside(w), ..Ray::segment(a, b - a, 1.0 - 4.0 * f32::EPSILON) };
+        self.free(ray, Some(b))
+    }
+
+    /// True when nothing is on the ray, up to `end` if it has one.
+    #[inline(always)]
+    fn free(&self, ray: Ray, end: Option<Vec3>) -> bool {
+        match &self.nested {
+            None => !self.accel.occluded(&ray),
+            Some(nested) => self.clear(nested, ray, end),
+        }
     }
 
     /// The material at a point, ready for use.
     #[inline(always)]
     pub fn bsdf(&self, si: &SurfaceInteraction) -> Bsdf {
         let id = self.shape_materials[si.shape as usize];
-        bsdf::evaluate(&self.materials, &self.textures, id, si, &self.geometry)
+        bsdf::evaluate(&self.materials, &self.textures, id, si, &self.geometry, self.met(si.near, si.far))
     }
 
     /// What lights look things up in.

@@ -134,7 +134,7 @@ impl Deposit {
         }
         if !flux.is_black() {
             EnergyBalance::add(&mut self.balance.emitted, flux);
-            self.walk(scene, le.ray, flux, &mut sampler, key.with(index));
+            self.walk(scene, scene.from_light(le.ray), flux, &mut sampler, key.with(index));
         }
         Some(start)
     }
@@ -146,7 +146,7 @@ impl Deposit {
         loop {
             // Find where the photon lands.
             self.counters.photon_rays += 1;
-            let Some(hit) = scene.hit(&ray) else {
+            let Some(hit) = scene.hit(&mut ray) else {
                 EnergyBalance::add(&mut self.balance.escaped, flux);
                 return;
             };
@@ -199,7 +199,7 @@ impl Deposit {
                 }
                 flux = after;
             }
-            ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+            ray = si.spawn_ray(s.wi);
         }
     }
 

@@ -21,6 +21,8 @@ fn at(uv: Vec2, prim: u32, barycentric: Vec2) -> SurfaceInteraction {
         prim,
         instance: NO_INSTANCE,
         barycentric,
+        near: Default::default(),
+        far: Default::default(),
     }
 }
 

@@ -18,7 +18,7 @@ pub fn follow(scene: &Scene, origin: DVec3, direction: DVec3, turns: &[Turn]) ->
     let mut ray = Ray::new(scene.to_scene.point(origin), direction.normalize().as_vec3());
     let mut p = ray.o;
     for turn in turns {
-        let si = scene.intersect(&ray)?;
+        let si = scene.intersect(&mut ray)?;
         // Smooth dielectrics reflect for small random numbers and refract for large ones.
         let u = if *turn == Turn::Reflect { 0.0 } else { 1f32.next_down() };
         let s = scene.bsdf(&si).sample(si.wo, u, Vec2::splat(0.5), Mode::Radiance, LobeMask::ALL)?;
@@ -27,7 +27,7 @@ pub fn follow(scene: &Scene, origin: DVec3, direction: DVec3, turns: &[Turn]) ->
             return None;
         }
         p = si.p;
-        ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        ray = si.spawn_ray(s.wi);
     }
     Some((scene.to_scene.to_world(p), ray.d.as_dvec3()))
 }

@@ -149,6 +149,17 @@ pub fn glass(ior: f64) -> String {
     format!(r#"<bsdf type="dielectric"><float name="int_ior" value="{ior}"/><float name="ext_ior" value="1"/></bsdf>"#)
 }
 
+/// A smooth dielectric that fills its shape where nothing of a higher priority is, against vacuum.
+pub fn filling(ior: f64, priority: i32) -> String {
+    let inner = format!(r#"<integer name="priority" value="{priority}"/></bsdf>"#);
+    glass(ior).replace("</bsdf>", &inner)
+}
+
+/// A smooth dielectric between two media.
+pub fn interface(inside: f64, outside: f64) -> String {
+    glass(inside).replace(r#"name="ext_ior" value="1""#, &format!(r#"name="ext_ior" value="{outside}""#))
+}
+
 /// Area emission; the radiance in W·m⁻²·sr⁻¹.
 pub fn emits(radiance: f64) -> String {
     format!(r#"<emitter type="area"><rgb name="radiance" value="{radiance}"/></emitter>"#)

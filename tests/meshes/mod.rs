@@ -129,7 +129,7 @@ pub fn ray(class: Class, set: &GeometrySet, accel: &Accel, count: u64, index: u6
 fn scattered(si: &SurfaceInteraction, s: &mut Sampler) -> Ray {
     let facing = if si.ng.dot(si.wo) < 0.0 { -si.ng } else { si.ng };
     let d = Frame::from_normal(facing).to_world(warp::cosine_hemisphere(s.next_2d()));
-    Ray::new(si.spawn_origin(d), d)
+    si.spawn_ray(d)
 }
 
 /// The edge of a photon path that follows `bounces` reflections; `None` where the path leaves the scene before.

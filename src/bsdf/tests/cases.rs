@@ -42,7 +42,7 @@ pub fn diffuse(reflectance: ColorParam) -> Material {
 }
 
 pub fn glass(n: f64) -> Material {
-    Material::Dielectric { ior: Ior::new(n, 1.0), reflectance: white(), transmittance: white() }
+    Material::Dielectric { ior: Ior::new(n, 1.0), filling: None, reflectance: white(), transmittance: white() }
 }
 
 pub fn rough(distribution: Distribution, u: f32, v: f32) -> Roughness {
@@ -50,7 +50,13 @@ pub fn rough(distribution: Distribution, u: f32, v: f32) -> Roughness {
 }
 
 pub fn rough_glass(roughness: Roughness, n: f64) -> Material {
-    Material::RoughDielectric { roughness, ior: Ior::new(n, 1.0), reflectance: white(), transmittance: white() }
+    Material::RoughDielectric {
+        roughness,
+        ior: Ior::new(n, 1.0),
+        filling: None,
+        reflectance: white(),
+        transmittance: white(),
+    }
 }
 
 pub fn metal(name: &str) -> (ColorParam, ColorParam) {
@@ -129,6 +135,7 @@ pub fn transmissive() -> Vec<Case> {
     let tinted = Material::RoughDielectric {
         roughness: rough(Ggx, 0.25, 0.25),
         ior: Ior::new(1.33, 1.0),
+        filling: None,
         reflectance: color(),
         transmittance: Rgb::new(0.2, 0.7, 0.9).into(),
     };

@@ -39,6 +39,8 @@ fn point(wo_local: Vec3, bend: f32) -> (SurfaceInteraction, Frame) {
         prim: 0,
         instance: NO_INSTANCE,
         barycentric: Vec2::ZERO,
+        near: Default::default(),
+        far: Default::default(),
     };
     (si, frame)
 }
@@ -47,7 +49,7 @@ fn point(wo_local: Vec3, bend: f32) -> (SurfaceInteraction, Frame) {
 fn bsdf_at(materials: &[Material], si: &SurfaceInteraction) -> Bsdf {
     check(materials).expect("test materials are valid");
     let id = MaterialId(materials.len() as u32 - 1);
-    evaluate(materials, &Textures::default(), id, si, &GeometrySet::default())
+    evaluate(materials, &Textures::default(), id, si, &GeometrySet::default(), None)
 }
 
 /// A direction at `degrees` from the pole.

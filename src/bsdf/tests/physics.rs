@@ -235,7 +235,7 @@ fn bump_maps_tilt_normals() {
         (si.ng, si.ns, si.dpdu, si.dpdv) = (Vec3::Z, Vec3::Z, Vec3::X * 2.0, Vec3::Y * 0.7);
         si.uv = Vec2::new(0.4, 0.5);
         si.wo = at_angle(20.0, 1.0) * Vec3::new(1.0, 1.0, side);
-        let bsdf = evaluate(&materials, &textures, id(2), &si, &GeometrySet::default());
+        let bsdf = evaluate(&materials, &textures, id(2), &si, &GeometrySet::default(), None);
         let s = bsdf.sample(si.wo, 0.5, Vec2::ZERO, Mode::Radiance, LobeMask::ALL).expect("reflects");
         let n = expected * Vec3::new(1.0, 1.0, side);
         let mirrored = 2.0 * si.wo.dot(n) * n - si.wo;

@@ -6,7 +6,7 @@ use super::PhotonMapper;
 use crate::bsdf::LobeMask;
 use crate::camera::Footprint;
 use crate::gather::cache::{CacheRecord, Hemisphere, IrradianceCache, Seen};
-use crate::geometry::{Ray, SurfaceInteraction};
+use crate::geometry::SurfaceInteraction;
 use crate::integrator::specular_bounce;
 use crate::math::{Vec2, Vec3};
 use crate::sample::{Key, Purpose, Sampler, Sequence};
@@ -72,12 +72,12 @@ impl PhotonMapper<'_> {
     fn missing(&self, scene: &Scene, cache: &IrradianceCache, key: Key, (x, y): (u32, u32)) -> Option<Point> {
         let offset = scene.camera.window().crop_offset;
         let film = Vec2::new((offset.0 + x) as f32 + 0.5, (offset.1 + y) as f32 + 0.5);
-        let camera_ray = scene.camera.generate_ray(film, Vec2::splat(0.5));
+        let camera_ray = scene.camera_ray(film, Vec2::splat(0.5));
         let id = id_of(x, y);
         let mut sampler = Sampler::new(Sequence::Independent, key.with(id), 0);
         let (mut ray, mut length) = (camera_ray.ray, 0.0);
         for _ in 0..=MAX_SPECULAR {
-            let hit = scene.hit(&ray)?;
+            let hit = scene.hit(&mut ray)?;
             let si = scene.interaction(&ray, &hit);
             length += si.t;
             let bsdf = scene.bsdf(&si);
@@ -118,7 +118,7 @@ impl PhotonMapper<'_> {
                 if (wi.dot(point.si.ng) > 0.0) != front {
                     return Seen { radiance: crate::color::Rgb::BLACK, distance: f32::INFINITY };
                 }
-                let ray = Ray::new(point.si.spawn_origin(wi), wi);
+                let ray = point.si.spawn_ray(wi);
                 let (radiance, distance) = self.arriving(scene, ray, 1.0, None, 0, &mut sampler, &mut counters);
                 Seen { radiance, distance }
             })

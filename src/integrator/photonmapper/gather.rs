@@ -51,7 +51,7 @@ impl PhotonMapper<'_> {
         let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SMOOTH_WIDE) else {
             return Rgb::BLACK;
         };
-        let ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        let ray = si.spawn_ray(s.wi);
         let share = LightShare { p: si.p, pdf: s.pdf, shadow_rays };
         s.weight * self.arriving(scene, ray, s.eta, Some(share), nested, sampler, counters).0
     }
@@ -76,7 +76,7 @@ impl PhotonMapper<'_> {
         let mut depth = 0;
         loop {
             counters.camera_rays += 1;
-            let found = scene.hit(&ray);
+            let found = scene.hit(&mut ray);
             // A light met at once is direct light; one met through specular surfaces is in the caustic map.
             let share = share.filter(|_| depth == 0);
             let Some(found) = found else {

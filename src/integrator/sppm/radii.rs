@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::{PassMaps, SharedRadius, SppmSettings};
 use crate::bsdf::{LobeMask, Mode};
 use crate::camera::{CameraRay, FilmWindow};
-use crate::geometry::{Ray, SurfaceInteraction};
+use crate::geometry::SurfaceInteraction;
 use crate::math::Vec2;
 use crate::sample::{Key, Purpose, Sampler};
 use crate::scene::Scene;
@@ -46,7 +46,7 @@ impl Radii {
             .map(|i| {
                 let (x, y) = (i as u32 % w + window.crop_offset.0, i as u32 / w + window.crop_offset.1);
                 let mut sampler = Sampler::new(scene.sampler.sequence, key.with(((y as u64) << 32) | x as u64), 0);
-                let camera_ray = scene.camera.generate_ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), Vec2::splat(0.5));
+                let camera_ray = scene.camera_ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), Vec2::splat(0.5));
                 let (si, distance) = visible_point(scene, &camera_ray, &mut sampler)?;
                 Some(pixel_radii(settings, pilot, &si, footprint(&camera_ray, distance), scene.bounding_sphere().1))
             })
@@ -92,15 +92,16 @@ fn visible_point(scene: &Scene, camera_ray: &CameraRay, sampler: &mut Sampler) -
     let mut ray = camera_ray.ray;
     let mut distance = (ray.o - camera_ray.lens).length();
     for _ in 0..MAX_CHAIN {
-        let si = scene.intersect(&ray)?;
-        distance += (si.p - ray.o).length();
+        let from = ray.o;
+        let si = scene.intersect(&mut ray)?;
+        distance += (si.p - from).length();
         let bsdf = scene.bsdf(&si);
         if bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
             return Some((si, distance));
         }
         let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
         let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SPECULAR)?;
-        ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        ray = si.spawn_ray(s.wi);
     }
     None
 }

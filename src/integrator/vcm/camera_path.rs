@@ -88,7 +88,7 @@ impl CameraWalk {
         }
         self.parallel = false;
         self.from = si.p;
-        self.ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        self.ray = si.spawn_ray(s.wi);
         roulette(&mut self.beta, self.eta, self.depth, recipe.settings.rr_depth, sampler)
     }
 }
@@ -118,7 +118,7 @@ pub(super) fn radiance(
     while walk.depth < recipe.max_depth {
         // Find the next surface; what leaves the scene sees the environment.
         counters.camera_rays += 1;
-        let Some(si) = scene.intersect(&walk.ray) else {
+        let Some(si) = scene.intersect(&mut walk.ray) else {
             if !hide {
                 sum += escaped(recipe, &mut walk);
             }
@@ -126,7 +126,7 @@ pub(super) fn radiance(
         };
         let emitter = scene.is_emitter(&si);
         if emitter && hide {
-            walk.ray.o = si.spawn_origin(walk.ray.d);
+            walk.ray = Ray { tmax: walk.ray.tmax, ..si.spawn_ray(walk.ray.d) };
             continue;
         }
         hide = false;
@@ -268,8 +268,7 @@ fn connect(
     let sums = connection_sums(recipe, v, light, light_bsdf, (w, dist_sq as f64), eta);
     let value = f * g * light.beta * (weight(sums) as f32 / dist_sq);
     counters.shadow_rays += 1;
-    let ends = ((v.si.p, v.si.p_err, v.si.ng), (light.si.p, light.si.p_err, light.si.ng));
-    if recipe.scene.visible(ends.0, ends.1) { value } else { Rgb::BLACK }
+    if recipe.scene.visible(v.si, (light.si.p, light.si.p_err, light.si.ng)) { value } else { Rgb::BLACK }
 }
 
 /// What the other techniques of a connected path amount to; `w` points from the camera's vertex to the light's.

@@ -51,7 +51,7 @@ impl LightWalk {
         let le = scene.lights[light].sample_le(&scene.light_context(), u_pos, u_dir)?;
         let beta = le.weight / pmf;
         (beta.is_finite() && !beta.is_black()).then_some(Self {
-            ray: le.ray,
+            ray: scene.from_light(le.ray),
             beta,
             mis: Mis::default(),
             depth: 0,
@@ -65,7 +65,7 @@ impl LightWalk {
     /// Walks to the next surface.
     pub fn advance(&mut self, recipe: &Recipe, counters: &mut Counters) -> Option<SurfaceInteraction> {
         counters.photon_rays += 1;
-        let si = recipe.scene.intersect(&self.ray)?;
+        let si = recipe.scene.intersect(&mut self.ray)?;
         let cos = cosine(&si, si.wo);
         if self.depth == 0 {
             self.mis = self.first_sums(recipe, &si, cos);
@@ -131,7 +131,7 @@ impl LightWalk {
         recipe.scatter(&mut self.mis, si, bsdf, &s, (merge, 0.0));
         self.from = si.p;
         self.focused = recipe.focuses(si);
-        self.ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        self.ray = si.spawn_ray(s.wi);
         true
     }
 }
@@ -232,14 +232,17 @@ pub(super) fn lens_sums(
 fn lens_sees(recipe: &Recipe, si: &SurfaceInteraction, start: Vec3) -> bool {
     let scene = recipe.scene;
     if !recipe.settings.hide_emitters {
-        return scene.visible((si.p, si.p_err, si.ng), (start, Vec3::ZERO, Vec3::ZERO));
+        return scene.visible(si, (start, Vec3::ZERO, Vec3::ZERO));
     }
-    let mut o = si.spawn_origin(start - si.p);
+    let leave = |from: &SurfaceInteraction, w: Vec3| {
+        let o = from.spawn_origin(w);
+        Ray { inside: from.inside(w), ..Ray::segment(o, start - o, 1.0 - 1e-4) }
+    };
+    let mut ray = leave(si, start - si.p);
     loop {
-        let ray = Ray::segment(o, start - o, 1.0 - 1e-4);
-        match scene.intersect(&ray) {
+        match scene.intersect(&mut ray) {
             None => return true,
-            Some(hit) if scene.is_emitter(&hit) => o = hit.spawn_origin(ray.d),
+            Some(hit) if scene.is_emitter(&hit) => ray = leave(&hit, ray.d),
             Some(_) => return false,
         }
     }

@@ -145,7 +145,7 @@ impl Iteration<'_, '_> {
             let mut sampler =
                 Sampler::new(scene.sampler.sequence, key.with(((y as u64) << 32) | x as u64), self.sample);
             let film_pos = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-            let camera_ray = scene.camera.generate_ray(film_pos, sampler.next_2d());
+            let camera_ray = scene.camera_ray(film_pos, sampler.next_2d());
             let field = LightField { vertices, bsdfs: &bsdfs, grid, eta };
             let value = radiance(recipe, &camera_ray, &field, &mut sampler, &mut counters);
             counters.samples += 1;

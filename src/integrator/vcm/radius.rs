@@ -2,7 +2,6 @@
 
 use super::Recipe;
 use crate::bsdf::{LobeMask, Mode};
-use crate::geometry::Ray;
 use crate::math::{Vec2, Vec3};
 use crate::sample::{Key, Purpose, Sampler, Sequence};
 use crate::scene::Scene;
@@ -60,10 +59,10 @@ pub fn automatic_radius(scene: &Scene) -> f32 {
 /// Width of a pixel at the first wide surface seen through film position `at`.
 fn footprint(scene: &Scene, at: Vec2, mut sampler: Sampler) -> Option<f32> {
     const MOST_BOUNCES: u32 = 16;
-    let start = scene.camera.generate_ray(at, Vec2::splat(0.5));
+    let start = scene.camera_ray(at, Vec2::splat(0.5));
     let (mut ray, mut from, mut length) = (start.ray, start.lens, 0.0);
     for _ in 0..MOST_BOUNCES {
-        let si = scene.intersect(&ray)?;
+        let si = scene.intersect(&mut ray)?;
         length += Vec3::distance(si.p, from);
         let bsdf = scene.bsdf(&si);
         if bsdf.lobes().intersects(LobeMask::SMOOTH_WIDE) {
@@ -73,7 +72,7 @@ fn footprint(scene: &Scene, at: Vec2, mut sampler: Sampler) -> Option<f32> {
         let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
         let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL)?;
         from = si.p;
-        ray = Ray::new(si.spawn_origin(s.wi), s.wi);
+        ray = si.spawn_ray(s.wi);
     }
     None
 }

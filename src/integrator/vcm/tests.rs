@@ -477,14 +477,14 @@ impl Trial<'_> {
         }
         // Walk from the camera and use every vertex.
         let mut random = sampler(Purpose::Camera);
-        let camera_ray = scene.camera.generate_ray(random.next_2d() * 16.0, random.next_2d());
+        let camera_ray = scene.camera_ray(random.next_2d() * 16.0, random.next_2d());
         let mut walk = CameraWalk::start(recipe, &camera_ray);
         let lens = Vertex { p: camera_ray.lens, n: Vec3::ZERO, si: None, delta: false };
         let mut c = Walked { x: vec![lens], dir: vec![], mis: vec![], light: 0 };
         while c.x.len() < LONGEST {
             c.dir.push(walk.ray.d);
             let from = walk.from;
-            let Some(si) = scene.intersect(&walk.ray) else {
+            let Some(si) = scene.intersect(&mut walk.ray) else {
                 if let (Some(index), true) = (scene.environment, c.x.len() > 1) {
                     let d = walk.ray.d;
                     let end = Vertex { p: from, n: -d, si: None, delta: false };

@@ -4,7 +4,7 @@ use super::super::SceneError;
 use super::super::xml::{Child, ColorUse, NodeId, Query, Tag};
 use super::Loader;
 use crate::bsdf::{
-    Distribution, IOR_NAMES, Ior, METAL_NAMES, Material, MaterialId, Principled, PrincipledThin, Roughness,
+    Distribution, Filling, IOR_NAMES, Ior, METAL_NAMES, Material, MaterialId, Principled, PrincipledThin, Roughness,
     ior_by_name, metal_by_name,
 };
 use crate::color::Rgb;
@@ -104,13 +104,14 @@ impl<'d> Loader<'d> {
             "diffuse" => Material::Diffuse { reflectance: self.reflectance(&q, "reflectance", 0.5)? },
             "dielectric" => {
                 let (reflectance, transmittance) = self.tints(&q)?;
-                Material::Dielectric { ior: ior(&q, "bk7")?, reflectance, transmittance }
+                Material::Dielectric { ior: ior(&q, "bk7")?, filling: filling(&q)?, reflectance, transmittance }
             }
             "roughdielectric" => {
                 let (reflectance, transmittance) = self.tints(&q)?;
                 Material::RoughDielectric {
                     roughness: self.roughness(&q)?,
                     ior: ior(&q, "bk7")?,
+                    filling: filling(&q)?,
                     reflectance,
                     transmittance,
                 }
@@ -394,6 +395,13 @@ fn ior_value(q: &Query, name: &str) -> Result<Option<f64>, SceneError> {
 fn indices(q: &Query, default: &str) -> Result<(f64, f64), SceneError> {
     let named = |name| ior_by_name(name).expect("the default media are in the table");
     Ok((ior_value(q, "int_ior")?.unwrap_or(named(default)), ior_value(q, "ext_ior")?.unwrap_or(named("air"))))
+}
+
+/// What a dielectric with a priority fills its shape with.
+fn filling(q: &Query) -> Result<Option<Filling>, SceneError> {
+    let Some(priority) = q.int_in("priority", -1_000_000..=1_000_000)? else { return Ok(None) };
+    let (int_ior, ext_ior) = indices(q, "bk7")?;
+    Ok(Some(Filling { priority: priority as i32, int_ior, ext_ior }))
 }
 
 fn ior(q: &Query, default: &str) -> Result<Ior, SceneError> {

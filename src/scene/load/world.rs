@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::super::xml::{Document, NodeId, Query, Tag};
+use super::super::nested::Nested;
+use super::super::xml::{Child, Document, NodeId, Query, Tag};
 use super::super::{LoadOptions, Position, Scene, SceneError, SceneStats};
 use super::sensors::View;
 use super::shapes::{ShapeDesc, invertible};
@@ -53,7 +54,7 @@ pub(super) struct World<'d> {
 struct Placed<'d> {
     set: GeometrySet,
     materials: Vec<MaterialId>,
-    emitters: Vec<Option<&'d super::super::xml::Child>>,
+    emitters: Vec<Option<&'d Child>>,
 }
 
 /// Builds the scene that a document describes.
@@ -135,9 +136,13 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     let context = LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere };
     let selector = LightSelector::new(lights.iter().map(|l| l.power(&context)));
 
+    let nested = Nested::of(&loader.materials, &placed.materials, &geometry).map_err(|count| {
+        SceneError::at(&doc.node(doc.root()).pos, format!("{count} different dielectrics have a priority"))
+            .help("255 can be told apart; leave out the priority where nothing overlaps")
+    })?;
     let accel = Accel::build(options.accel, geometry.clone())
         .map_err(|e| SceneError::at(&doc.node(doc.root()).pos, e.to_string()))?;
-    Ok(Scene {
+    let mut scene = Scene {
         accel,
         shape_materials: placed.materials,
         shape_lights,
@@ -157,7 +162,10 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         materials: loader.materials,
         textures: loader.textures,
         geometry,
-    })
+        nested,
+    };
+    scene.place_lens();
+    Ok(scene)
 }
 
 /// A sphere around the box, a little larger so that rounding leaves no corner outside.
@@ -301,6 +309,7 @@ impl<'d> Loader<'d> {
     ) -> Result<u32, SceneError> {
         let (material, emitter, pos) = (desc.material, desc.emitter, desc.pos.clone());
         let nodes = [desc.material_node, emitter.map(|e| e.node)];
+        self.check_priority(material, emitter, &pos)?;
         let mut shape = desc.finish(map, stats)?;
         for node in nodes.into_iter().flatten() {
             self.check_attributes(node, &shape, &pos)?;
@@ -310,6 +319,25 @@ impl<'d> Loader<'d> {
         placed.materials.push(material);
         placed.emitters.push(emitter);
         Ok(placed.set.shapes.len() as u32 - 1)
+    }
+
+    /// A priority is for shapes that are full of one dielectric.
+    fn check_priority(&self, material: MaterialId, emitter: Option<&Child>, pos: &Position) -> Result<(), SceneError> {
+        if Material::filling(&self.materials, material).is_some() {
+            return match emitter {
+                None => Ok(()),
+                Some(_) => Err(SceneError::at(pos, "the shape is a lamp, and its dielectric has a \"priority\"")
+                    .help("put the lamp inside of a shape of its own")),
+            };
+        }
+        if Material::names_filling(&self.materials, material) {
+            return Err(SceneError::at(
+                pos,
+                "a dielectric with a \"priority\" is only a part of this shape's material",
+            )
+            .help("leave out the priority, or give the shape the dielectric itself"));
+        }
+        Ok(())
     }
 
     /// A mesh attribute must exist on the shapes that look it up.

@@ -1,5 +1,7 @@
 //! Loading whole scenes from text.
 
+mod nested;
+
 use std::path::Path;
 
 use glam::Vec3;
@@ -63,16 +65,16 @@ fn a_box_is_loaded() {
     assert!(s.has_specular() && s.warnings.is_empty());
 
     // Down to the floor: white, looking up, no light.
-    let si = s.intersect(&Ray::new(at(&s, [0.5, 0.0, 0.5]), Vec3::NEG_Y)).expect("the floor");
+    let si = s.intersect(&mut Ray::new(at(&s, [0.5, 0.0, 0.5]), Vec3::NEG_Y)).expect("the floor");
     assert!((si.p - at(&s, [0.5, -1.0, 0.5])).length() < 1e-6 && si.ng == Vec3::Y && !s.is_emitter(&si));
     let f = s.bsdf(&si).eval(Vec3::Y, Vec3::Y, Mode::Radiance, LobeMask::ALL);
     assert!((f.r - 0.5 / std::f32::consts::PI).abs() < 1e-6);
     // To the left: the red wall.
-    let si = s.intersect(&Ray::new(at(&s, [0.0, 0.5, 0.5]), Vec3::NEG_X)).expect("the wall");
+    let si = s.intersect(&mut Ray::new(at(&s, [0.0, 0.5, 0.5]), Vec3::NEG_X)).expect("the wall");
     let albedo = s.bsdf(&si).albedo(si.wo, LobeMask::ALL);
     assert!((albedo.r - 0.8).abs() < 1e-6 && (albedo.g - 0.1).abs() < 1e-6);
     // Up to the light, which shines down only.
-    let si = s.intersect(&Ray::new(at(&s, [0.0, 0.5, 0.0]), Vec3::Y)).expect("the light");
+    let si = s.intersect(&mut Ray::new(at(&s, [0.0, 0.5, 0.0]), Vec3::Y)).expect("the light");
     assert!(s.is_emitter(&si));
     assert_eq!(s.emitted(&si, si.wo), Rgb::new(18.0, 15.0, 8.0));
     assert_eq!(s.emitted(&si, -si.wo), Rgb::BLACK);
@@ -83,8 +85,8 @@ fn a_box_is_loaded() {
 fn the_camera_sees_what_it_is_aimed_at() {
     let s = ok(BOX);
     // The middle of the film looks at the front of the sphere; its left edge at tan 20° · 4 to the left of the origin.
-    let ray = s.camera.generate_ray(glam::Vec2::new(32.0, 16.0), glam::Vec2::ZERO).ray;
-    let si = s.intersect(&ray).expect("the sphere");
+    let mut ray = s.camera.generate_ray(glam::Vec2::new(32.0, 16.0), glam::Vec2::ZERO).ray;
+    let si = s.intersect(&mut ray).expect("the sphere");
     assert!((si.p - at(&s, [0.0, 0.0, 0.3])).length() < 1e-6, "{:?}", si.p);
     let ray = s.camera.generate_ray(glam::Vec2::new(0.0, 16.0), glam::Vec2::ZERO).ray;
     let p = ray.at((at(&s, [0.0; 3]).z - ray.o.z) / ray.d.z);
@@ -95,10 +97,10 @@ fn the_camera_sees_what_it_is_aimed_at() {
 #[test]
 fn the_default_view_sees_the_whole_box() {
     let s = ok("<shape type=\"cube\"/>");
-    let ray = s.camera.generate_ray(glam::Vec2::new(384.0, 288.0), glam::Vec2::ZERO).ray;
-    assert!(ray.d.z > 0.999_999 && s.intersect(&ray).is_some());
-    let ray = s.camera.generate_ray(glam::Vec2::new(0.0, 288.0), glam::Vec2::ZERO).ray;
-    assert!(s.intersect(&ray).is_none());
+    let mut ray = s.camera.generate_ray(glam::Vec2::new(384.0, 288.0), glam::Vec2::ZERO).ray;
+    assert!(ray.d.z > 0.999_999 && s.intersect(&mut ray).is_some());
+    let mut ray = s.camera.generate_ray(glam::Vec2::new(0.0, 288.0), glam::Vec2::ZERO).ray;
+    assert!(s.intersect(&mut ray).is_none());
 }
 
 #[test]
@@ -128,7 +130,7 @@ fn film_size_crop_and_overrides() {
 fn shadow_rays_reach_the_light_and_are_stopped() {
     let s = ok(BOX);
     let light = |x: f64| {
-        let si = s.intersect(&Ray::new(at(&s, [x, -0.5, 0.0]), Vec3::NEG_Y)).expect("the floor");
+        let si = s.intersect(&mut Ray::new(at(&s, [x, -0.5, 0.0]), Vec3::NEG_Y)).expect("the floor");
         let li = s.lights[0].sample_li(&s.light_context(), si.p, glam::Vec2::splat(0.5)).expect("light");
         s.unoccluded(&si, &li)
     };
@@ -167,7 +169,7 @@ fn instances_and_groups() {
         <shape type=\"instance\"><ref id=\"g\"/><transform name=\"to_world\"><translate x=\"-90\" y=\"3\"/></transform></shape>");
     assert_eq!((s.stats.shapes, s.stats.instances, s.stats.triangles), (1, 2, 12));
     for (x, y) in [(0.0, 0.0), (10.0, 3.0)] {
-        let si = s.intersect(&Ray::new(at(&s, [x, y, 20.0]), Vec3::NEG_Z)).expect("a cube");
+        let si = s.intersect(&mut Ray::new(at(&s, [x, y, 20.0]), Vec3::NEG_Z)).expect("a cube");
         assert!((si.p - at(&s, [x, y, 1.0])).length() < 1e-5, "{:?}", si.p);
     }
     assert!(error("<shape type=\"shapegroup\"/>").contains("empty"));
@@ -179,7 +181,7 @@ fn instances_and_groups() {
 #[test]
 fn an_empty_scene_is_a_scene() {
     let s = ok("<emitter type=\"constant\"/>");
-    assert!(s.intersect(&Ray::new(Vec3::ZERO, Vec3::X)).is_none());
+    assert!(s.intersect(&mut Ray::new(Vec3::ZERO, Vec3::X)).is_none());
     assert_eq!(s.environment_radiance(Vec3::X), Rgb::WHITE);
     assert!((s.pdf_environment(Vec3::ZERO, Vec3::X) - 0.25 / std::f32::consts::PI).abs() < 1e-6);
     assert_eq!(s.integrator.name, "path");
@@ -216,7 +218,7 @@ fn every_material_loads_with_its_defaults() {
         "null",
     ] {
         let s = ok(&format!("<shape type=\"sphere\"><bsdf type=\"{plugin}\"/></shape>"));
-        let si = s.intersect(&Ray::new(Vec3::new(0.0, 0.1, 2.0), Vec3::NEG_Z)).expect("the sphere");
+        let si = s.intersect(&mut Ray::new(Vec3::new(0.0, 0.1, 2.0), Vec3::NEG_Z)).expect("the sphere");
         assert!(!s.bsdf(&si).lobes().is_empty(), "{plugin}");
     }
 }
@@ -235,7 +237,7 @@ fn nested_materials_and_bump_heights() {
         _ => None,
     });
     assert_eq!(scale, Some(4.0 * s.to_scene.scale as f32));
-    let si = s.intersect(&Ray::new(Vec3::new(0.0, 0.1, 2.0), Vec3::NEG_Z)).expect("the sphere");
+    let si = s.intersect(&mut Ray::new(Vec3::new(0.0, 0.1, 2.0), Vec3::NEG_Z)).expect("the sphere");
     let lobes = s.bsdf(&si).lobes();
     assert!(lobes.intersects(LobeMask::NULL) && lobes.intersects(LobeMask::DIFFUSE));
 }

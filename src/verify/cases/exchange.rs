@@ -231,8 +231,8 @@ fn radiance_from_map(accel: AccelKind, bsdf: &str, degrees: f64, seed: u64) -> f
     };
     let mut maps = PhotonMaps::default();
     maps.set_global(PhotonMap::build(shot.photons), &lookup, scene.bounding_sphere().1);
-    let ray = Ray::new(scene.to_scene.point(DVec3::new(0.0, 0.0, 0.5)), Vec3::NEG_Z);
-    let si = scene.intersect(&ray).expect("the floor is below");
+    let mut ray = Ray::new(scene.to_scene.point(DVec3::new(0.0, 0.0, 0.5)), Vec3::NEG_Z);
+    let si = scene.intersect(&mut ray).expect("the floor is below");
     maps.global_radiance(&si, &scene.bsdf(&si), &mut Counters::default()).radiance.g as f64
 }
 

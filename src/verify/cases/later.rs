@@ -6,7 +6,6 @@ pub fn cases() -> Vec<Case> {
     vec![
         Case { name: "media", about: "participating media", items: media },
         Case { name: "dispersion", about: "dispersing glass", items: dispersion },
-        Case { name: "nested-dielectrics", about: "overlapping dielectrics with priorities", items: nested },
     ]
 }
 
@@ -35,13 +34,4 @@ fn dispersion() -> Vec<Item> {
         parameter: "60° prism of BK7 at the C, d, F lines",
         why: "glass has one index for all colours",
     }]
-}
-
-fn nested() -> Vec<Item> {
-    ["air, glass, water, ice: transmittance of the stack", "glass that overlaps water"]
-        .map(|parameter| Item::NotYet {
-            parameter,
-            why: "dielectrics have no priorities yet; interfaces must be modelled",
-        })
-        .into()
 }

@@ -5,6 +5,7 @@ mod furnace;
 mod geometry;
 mod later;
 mod lenses;
+mod nested;
 mod photons;
 mod scale;
 mod slab;
@@ -19,6 +20,7 @@ pub fn all() -> Vec<Case> {
         exchange::cases(),
         slab::cases(),
         lenses::cases(),
+        nested::cases(),
         photons::cases(),
         scale::cases(),
         geometry::cases(),
