@@ -1,4 +1,5 @@
 //! The storeys of `ARCHITECTURE.md`: a room imports only from the storeys below its own.
+//! Also: where words may stand, and that the faults of the mutation check still have their places.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -124,5 +125,28 @@ fn unsafe_stands_in_few_files() {
 fn only_accel_names_the_sys_crate() {
     for (file, _, code) in rooms() {
         assert!(!code.contains("embree4_sys") || file == Path::new("accel/embree.rs"), "{}", file.display());
+    }
+}
+
+/// The faults that `tests/mutations.py` plants: each still has its one place, and cases to catch it that exist and are told
+/// of in `tests/mutations.md`.
+#[test]
+fn every_fault_of_the_mutation_check_has_its_place() {
+    let read = |name: &str| {
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    };
+    let faults: serde_json::Value = serde_json::from_str(&read("tests/mutations.json")).unwrap();
+    let (faults, table) = (faults.as_array().unwrap(), read("tests/mutations.md"));
+    let known: Vec<&str> = caustica::verify::names().iter().map(|n| n.0).collect();
+    assert_eq!(faults.len(), 10);
+    for (number, fault) in (1..).zip(faults) {
+        let text = |key: &str| fault[key].as_str().unwrap();
+        let (name, file) = (text("fault"), text("file"));
+        assert_eq!(read(file).matches(text("old")).count(), 1, "{file}: the place of the fault {name:?} has changed");
+        assert!(text("new").contains(&format!("fault({number})")), "{name}");
+        let line = table.lines().find(|l| l.starts_with(&format!("| {name} | `{file}`"))).unwrap_or_default();
+        let cases: Vec<&str> = fault["cases"].as_array().unwrap().iter().map(|c| c.as_str().unwrap()).collect();
+        assert!(!cases.is_empty() && cases.iter().all(|c| known.contains(c)), "{name}: {cases:?}");
+        assert!(cases.iter().all(|c| line.contains(&format!("`{c}`"))), "{name} in tests/mutations.md: {line}");
     }
 }

@@ -44,6 +44,8 @@ pub struct Check {
     pub needs_accel: bool,
     pub judge: Judge,
     pub fast: bool,
+    /// Fast runs ask one back end only.
+    pub once: bool,
     /// Seconds that it may take.
     pub limit: f64,
     /// Gets the back end and the number of seeds.
@@ -64,6 +66,7 @@ impl Check {
             needs_accel: true,
             judge: Judge::default(),
             fast: true,
+            once: false,
             limit: 60.0,
             run: Box::new(run),
         }
@@ -96,6 +99,12 @@ impl Check {
     /// Only in full runs.
     pub fn slow(mut self) -> Self {
         self.fast = false;
+        self
+    }
+
+    /// In fast runs on one back end only: the answer does not depend on it, or other rows ask that.
+    pub fn once(mut self) -> Self {
+        self.once = true;
         self
     }
 

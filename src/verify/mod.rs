@@ -49,6 +49,14 @@ impl Default for Options {
 }
 
 impl Options {
+    /// The back ends that a row is put to; `once` is true when one of them will do in fast runs.
+    fn accels(&self, once: bool) -> &[AccelKind] {
+        match once && self.fast {
+            true => self.accels.get(..1).unwrap_or_default(),
+            false => &self.accels,
+        }
+    }
+
     fn wants_method(&self, name: &str) -> bool {
         match self.methods.is_empty() {
             // With the settings of these scenes ppm and sppm give the same bits.
@@ -94,7 +102,7 @@ pub fn run(options: &Options, tell: &mut dyn FnMut(&Row)) -> Vec<Row> {
 
 /// One scene: every back end, every method.
 fn run_probe(case: &Case, probe: &Probe, options: &Options, add: &mut dyn FnMut(Row)) {
-    for &accel in &options.accels {
+    for &accel in options.accels(probe.once) {
         let scene = match probe.load(accel) {
             Ok(scene) => scene,
             Err(e) => {
@@ -113,7 +121,7 @@ fn run_check(case: &Case, check: &Check, options: &Options, add: &mut dyn FnMut(
     if !options.methods.is_empty() && !METHODS.into_iter().any(|m| m == check.what && options.wants_method(m)) {
         return;
     }
-    let accels: &[AccelKind] = if check.needs_accel { &options.accels } else { &[AccelKind::Bvh] };
+    let accels: &[AccelKind] = if check.needs_accel { options.accels(check.once) } else { &[AccelKind::Bvh] };
     for &accel in accels {
         let started = Instant::now();
         let outcome = (check.run)(accel, options.seeds);

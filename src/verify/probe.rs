@@ -25,6 +25,8 @@ const ENERGY_ROUNDING: f64 = 1e-6;
 pub struct Probe {
     pub parameter: String,
     pub fast: bool,
+    /// Fast runs put it to one back end only.
+    pub once: bool,
     xml: String,
     meshes: Vec<(&'static str, TriangleMesh)>,
     expected: f64,
@@ -50,6 +52,7 @@ impl Probe {
         Self {
             parameter: parameter.into(),
             fast: false,
+            once: false,
             xml,
             meshes: Vec::new(),
             expected,
@@ -68,6 +71,12 @@ impl Probe {
     /// Also in fast runs.
     pub fn fast(mut self) -> Self {
         self.fast = true;
+        self
+    }
+
+    /// In fast runs on one back end only: what it asks does not depend on that, or other rows ask it too.
+    pub fn once(mut self) -> Self {
+        self.once = true;
         self
     }
 

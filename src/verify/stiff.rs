@@ -92,12 +92,13 @@ pub fn guide(accel: AccelKind) -> Curve {
     Curve { name: "light guide", parameter: "length in widths", theory: "L tan θ' reflections", points }
 }
 
-/// A box of mirrors that lose a share of the light: 1/(1 − r) edges.
+/// A box of mirrors that lose a share of the light: 1/(1 − r) edges. They glow, or nothing would be traced at all.
 pub fn mirror_box(accel: AccelKind) -> Curve {
     let at = |&loss: &f64| {
         let mirror =
             format!(r#"<bsdf type="conductor"><rgb name="specular_reflectance" value="{}"/></bsdf>"#, 1.0 - loss);
-        let room = cuboid([0.0; 3], [1.0; 3], &(r#"<boolean name="flip_normals" value="true"/>"#.to_owned() + &mirror));
+        let inside = r#"<boolean name="flip_normals" value="true"/>"#.to_owned() + &mirror + &emits(loss);
+        let room = cuboid([0.0; 3], [1.0; 3], &inside);
         let integrator = r#"<integrator type="path"><integer name="rr_depth" value="1"/></integrator>"#.to_owned();
         let xml = scene(&[integrator, camera([0.1, 0.2, -0.3], [0.5, 0.1, 1.0], 90.0, (16, 16)), room]);
         measure(&xml, accel, (2000.0 * loss).clamp(2.0, 256.0) as u64, loss, 1.0 / loss)
@@ -163,7 +164,15 @@ fn draw(panel: &Panel, curve: &Curve) -> Result<(), Box<dyn std::error::Error>> 
         .x_label_area_size(40)
         .y_label_area_size(50)
         .build_cartesian_2d((x0..x1).log_scale(), (0.7 * y0..1.5 * y1).log_scale())?;
-    chart.configure_mesh().x_desc(curve.parameter).y_desc("for each path").light_line_style(WHITE).draw()?;
+    let plain = |v: &f64| format!("{v}");
+    chart
+        .configure_mesh()
+        .x_desc(curve.parameter)
+        .y_desc("for each path")
+        .x_label_formatter(&plain)
+        .y_label_formatter(&plain)
+        .light_line_style(WHITE)
+        .draw()?;
     chart
         .draw_series(LineSeries::new(values(|p| p.theory), BLACK.stroke_width(1)))?
         .label(curve.theory)
@@ -178,10 +187,13 @@ fn draw(panel: &Panel, curve: &Curve) -> Result<(), Box<dyn std::error::Error>> 
             .label(label)
             .legend(move |(x, y)| Circle::new((x + 8, y), 3, color.filled()));
     }
+    // The legend stands where the curves are not.
+    let rises = curve.points.first().zip(curve.points.last()).is_some_and(|(a, b)| b.theory > a.theory);
     chart
         .configure_series_labels()
         .background_style(WHITE.mix(0.8))
-        .position(SeriesLabelPosition::UpperMiddle)
+        .border_style(BLACK.mix(0.2))
+        .position(if rises { SeriesLabelPosition::UpperLeft } else { SeriesLabelPosition::LowerLeft })
         .draw()?;
     Ok(())
 }

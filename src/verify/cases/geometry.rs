@@ -222,6 +222,21 @@ fn walls() -> Vec<Item> {
             .into(),
         );
     }
+    // Sheets that reflect on both sides, lit from above, seen from below: no light gets around them. The maps are read where
+    // the camera looks, on the dark side, and all their photons on the sheets came from the other.
+    let direct_map = photon_mapper(&[
+        ("boolean", "final_gather", "false".into()),
+        ("float", "global_lookup_radius", "0.25".into()),
+        ("float", "caustic_lookup_radius", "0.25".into()),
+    ]);
+    let both = r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf></bsdf>"#;
+    for gap in [0.0, 1e-5] {
+        let lower = if gap > 0.0 { square([0.0, 0.0, -gap], 1.0, up, both) } else { String::new() };
+        let xml = scene(&[direct_map.clone(), view(), square([0.0; 3], 1.0, up, both), lower, lit()]);
+        let what =
+            if gap > 0.0 { format!("two sheets {gap:e} apart, two-sided") } else { "one sheet, two-sided".into() };
+        items.push(Probe::new(what, xml, 0.0, light).fast().into());
+    }
     // A lamp just behind a sheet sends nothing to a floor at distance 1.
     for gap in [1e-2, 1e-3, 1e-4, 1e-5] {
         let xml = scene(&[

@@ -124,6 +124,7 @@ fn density() -> Vec<Item> {
             .bias(0.0)
             .relative(0.01)
             .fast()
+            .once()
             .into(),
         );
     }
