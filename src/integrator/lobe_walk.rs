@@ -33,7 +33,40 @@ pub(super) struct LobeWalk {
     pub hide_emitters: bool,
 }
 
+/// Sums what a path comes upon; `wide` gives the radiance that leaves surfaces with lobes that photons estimate.
+struct Sum<F> {
+    radiance: Rgb,
+    wide: F,
+}
+
+impl<F: FnMut(&Sight, &mut Sampler, &mut Counters) -> Rgb> Sights for Sum<F> {
+    #[inline]
+    fn light(&mut self, radiance: Rgb) {
+        self.radiance += radiance;
+    }
+
+    #[inline]
+    fn wide(&mut self, at: &Sight, sampler: &mut Sampler, counters: &mut Counters) {
+        self.radiance += at.beta * (self.wide)(at, sampler, counters);
+    }
+}
+
 impl LobeWalk {
+    /// The radiance of the path of a camera ray, `wide` being what leaves surfaces with lobes that photons estimate.
+    #[inline(always)]
+    pub fn radiance(
+        &self,
+        scene: &Scene,
+        camera_ray: &CameraRay,
+        sampler: &mut Sampler,
+        counters: &mut Counters,
+        wide: impl FnMut(&Sight, &mut Sampler, &mut Counters) -> Rgb,
+    ) -> Rgb {
+        let mut sum = Sum { radiance: Rgb::BLACK, wide };
+        self.follow(scene, camera_ray, &mut sum, sampler, counters);
+        sum.radiance
+    }
+
     /// Follows the path of a camera ray and shows what it comes upon.
     #[inline(always)]
     pub fn follow(

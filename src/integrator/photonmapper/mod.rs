@@ -16,7 +16,7 @@ mod layers;
 
 pub use layers::{Layer, LayerView};
 
-use super::lobe_walk::{LobeWalk, Sight, Sights};
+use super::lobe_walk::LobeWalk;
 use super::{CameraSample, Integrator, MaxDepth};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
@@ -93,30 +93,11 @@ pub struct PhotonMapper<'a> {
     pub cache: Option<&'a IrradianceCache>,
 }
 
-/// The radiance of a camera path.
-struct Picture<'a> {
-    mapper: &'a PhotonMapper<'a>,
-    scene: &'a Scene,
-    radiance: Rgb,
-}
-
-impl Sights for Picture<'_> {
-    #[inline]
-    fn light(&mut self, radiance: Rgb) {
-        self.radiance += radiance;
-    }
-
-    #[inline]
-    fn wide(&mut self, at: &Sight, sampler: &mut Sampler, counters: &mut Counters) {
-        self.radiance += at.beta * self.mapper.wide_lobes(self.scene, at.si, at.bsdf, at.edges, sampler, counters);
-    }
-}
-
 impl Integrator for PhotonMapper<'_> {
     fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
-        let mut picture = Picture { mapper: self, scene, radiance: Rgb::BLACK };
-        self.walk().follow(scene, &sample.camera_ray, &mut picture, sampler, counters);
-        picture.radiance
+        self.walk().radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
+            self.wide_lobes(scene, at.si, at.bsdf, at.edges, sampler, counters)
+        })
     }
 }
 

@@ -21,7 +21,7 @@ mod schedule;
 pub use radii::{FoundPhotons, KINDS, PixelRadii, Radii, SharedStatistics};
 pub use schedule::{SharedRadius, radius_sq_ratio};
 
-use super::lobe_walk::{LobeWalk, Sight, Sights};
+use super::lobe_walk::LobeWalk;
 use super::{CameraSample, Integrator, MaxDepth};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
@@ -121,30 +121,10 @@ impl Integrator for Sppm<'_> {
         let pixel = self.radii.index(sample.pixel);
         let s = &self.settings;
         let walk = LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters };
-        let mut picture = Picture { sppm: self, scene, pixel, radiance: Rgb::BLACK };
-        walk.follow(scene, &sample.camera_ray, &mut picture, sampler, counters);
-        picture.radiance
-    }
-}
-
-/// The radiance of a camera path of one pixel.
-struct Picture<'a> {
-    sppm: &'a Sppm<'a>,
-    scene: &'a Scene,
-    pixel: usize,
-    radiance: Rgb,
-}
-
-impl Sights for Picture<'_> {
-    #[inline]
-    fn light(&mut self, radiance: Rgb) {
-        self.radiance += radiance;
-    }
-
-    #[inline]
-    fn wide(&mut self, at: &Sight, sampler: &mut Sampler, counters: &mut Counters) {
-        self.radiance += at.beta * self.sppm.direct(self.scene, at.si, at.bsdf, sampler, counters);
-        self.radiance += at.beta * self.sppm.photons(self.pixel, at.si, at.bsdf, counters);
+        walk.radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
+            let direct = self.direct(scene, at.si, at.bsdf, sampler, counters);
+            direct + self.photons(pixel, at.si, at.bsdf, counters)
+        })
     }
 }
 
