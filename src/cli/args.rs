@@ -165,6 +165,10 @@ pub struct RenderArgs {
     /// Write the image so far after each pass that ends when this much time has gone since the last one.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub write_every: Option<Duration>,
+    /// Show the image so far in tev, which must be running; its address, if it listens elsewhere.
+    #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, require_equals = true,
+          default_missing_value = super::serve::TEV_ADDRESS)]
+    pub serve: Option<String>,
     /// Stop after the pass that is running when this time is over, for example 30s or 5min.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub time: Option<Duration>,

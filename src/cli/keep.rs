@@ -1,10 +1,11 @@
-//! Files written while a render is running: checkpoints and the image so far.
+//! What leaves a render while it is running: checkpoints and the image so far, into files and into a viewer.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use super::CliError;
 use super::args::RenderArgs;
+use super::serve::Viewer;
 use crate::image::WriteOptions;
 use crate::render::{Checkpoint, Session};
 
@@ -15,6 +16,7 @@ use crate::render::{Checkpoint, Session};
 pub struct Keeper {
     checkpoint: Option<(PathBuf, Duration)>,
     images: Option<(Vec<PathBuf>, Duration, WriteOptions)>,
+    viewer: Option<Viewer>,
     last_checkpoint: Instant,
     last_image: Instant,
     failed: Option<CliError>,
@@ -26,10 +28,13 @@ impl Keeper {
         if let Some(path) = &a.checkpoint {
             super::check_folder(path)?;
         }
+        let name = || outputs.first().map_or_else(|| "caustica".to_owned(), |p| p.display().to_string());
+        let viewer = a.serve.as_deref().map(|address| Viewer::connect(address, name())).transpose()?;
         let options = WriteOptions { exposure: a.exposure, half: !a.float, ..WriteOptions::default() };
         Ok(Self {
             checkpoint: a.checkpoint.clone().map(|path| (path, a.every)),
             images: a.write_every.map(|every| (outputs.to_vec(), every, options)),
+            viewer,
             last_checkpoint: now,
             last_image: now,
             failed: None,
@@ -38,6 +43,9 @@ impl Keeper {
 
     /// Writes what is due; the last pass always leaves a checkpoint.
     pub fn after_pass(&mut self, session: &Session, last: bool) {
+        if let Some(viewer) = &mut self.viewer {
+            viewer.after_pass(session, last);
+        }
         if let Some((path, every)) = &self.checkpoint
             && (last || self.last_checkpoint.elapsed() >= *every)
         {

@@ -13,6 +13,7 @@ mod merge;
 mod progress;
 mod reference;
 mod render;
+mod serve;
 mod verify;
 
 use std::path::{Path, PathBuf};
