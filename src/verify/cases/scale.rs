@@ -77,6 +77,7 @@ fn invariance() -> Vec<Item> {
                     let scaled = picture(&box_of_things(1.0, 0.0, 2f64.powi(exponent)), accel, method, 1);
                     Outcome::exact(0.0, differing(&reference, &scaled, 2f32.powi(exponent)) as f64)
                 })
+                .once()
                 .into(),
             );
         }
