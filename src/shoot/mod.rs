@@ -115,20 +115,31 @@ pub fn plan_emission(scene: &Scene, settings: &ShootSettings) -> Emission {
     Emission { paths: paths_for(scene, settings, guide.as_ref()), guide: guide.map(Arc::new) }
 }
 
-/// The number of paths that is expected to store `settings.photons` photons.
+/// The number of paths that is expected to store `settings.photons` photons. The pilot ends early when its paths are very
+/// long: a furnace of albedo 0.999999 stores a million photons for each.
 fn paths_for(scene: &Scene, settings: &ShootSettings, guide: Option<&Guide>) -> u64 {
     const PILOT: u64 = 4 * PATHS_PER_BATCH;
+    const ENOUGH: u64 = 1 << 20;
+    const CHUNK: u64 = 256;
     let key = Key::new(settings.seed, Purpose::Pilot, settings.target.purpose() as u64);
-    let stored: u64 = (0..PILOT / PATHS_PER_BATCH)
-        .into_par_iter()
-        .map(|batch| {
+    let stored_by = |paths: std::ops::Range<u64>| -> u64 {
+        let chunk = |first: u64| {
             let mut deposit = Deposit::new(settings.target, settings.walk, PILOT);
-            for index in batch * PATHS_PER_BATCH..(batch + 1) * PATHS_PER_BATCH {
+            for index in first..(first + CHUNK).min(paths.end) {
                 deposit.trace(scene, guide, key, index);
             }
             deposit.photons.len() as u64
-        })
-        .sum();
+        };
+        let chunks = (paths.end - paths.start).div_ceil(CHUNK);
+        (0..chunks).into_par_iter().map(|i| chunk(paths.start + i * CHUNK)).sum()
+    };
+    // As many paths again in each round as in all before.
+    let (mut traced, mut stored) = (0, 0);
+    while traced < PILOT && stored < ENOUGH {
+        let next = (2 * traced).max(1);
+        stored += stored_by(traced..next);
+        traced = next;
+    }
     if stored == 0 {
         // Rare at best: spend what may be spent only if something of this kind can exist at all.
         return if settings.target == Target::Caustic && !scene.may_have(LobeMask::SPECULAR) {
@@ -137,6 +148,6 @@ fn paths_for(scene: &Scene, settings: &ShootSettings, guide: Option<&Guide>) -> 
             settings.max_paths
         };
     }
-    let wanted = (settings.photons as f64 * PILOT as f64 / stored as f64).ceil() as u64;
+    let wanted = (settings.photons as f64 * traced as f64 / stored as f64).ceil() as u64;
     wanted.clamp(1, settings.max_paths)
 }

@@ -28,6 +28,12 @@ pub fn cases() -> Vec<Case> {
     ]
 }
 
+/// Methods that connect all vertices of two paths: the square of a path's length, 10⁶ connections at ρ = 0.999.
+const CONNECTING: &[&str] = &["bdpt", "vcm"];
+
+/// Methods for which a million bounces are too many: those, and the ones that shoot all their photons anew for each pass.
+const WITHOUT_MILLIONS: &[&str] = &["bdpt", "vcm", "ppm", "sppm"];
+
 /// Everything that a closed diffuse room sends.
 const ROOM: Light = Light::SEEN;
 
@@ -57,10 +63,13 @@ fn furnace() -> Vec<Item> {
         of(0.0, 8, 4, 1_000).fast().into(),
         of(0.5, 8, 16, 5_000).fast().into(),
         of(0.9, 8, 64, 20_000).relative(0.02).fast().into(),
-        of(0.99, 8, 64, 200_000).relative(0.05).into(),
-        of(0.999, 8, 32, 500_000).relative(0.1).limit(120.0).into(),
+        of(0.99, 8, 32, 60_000).relative(0.05).except(CONNECTING).into(),
+        of(0.99, 8, 4, 100).relative(0.05).only(CONNECTING).into(),
+        of(0.999, 8, 8, 100_000).relative(0.1).limit(120.0).except(CONNECTING).into(),
+        of(0.999, 4, 1, 100).relative(0.1).limit(120.0).only(&["bdpt"]).into(),
         // A million bounces each: a few paths, and time rather than digits.
-        of(0.999999, 2, 1, 200_000).relative(0.6).limit(240.0).into(),
+        of(0.999999, 2, 1, 200_000).relative(0.6).limit(240.0).except(WITHOUT_MILLIONS).into(),
+        of(0.999999, 2, 1, 8).relative(0.6).limit(240.0).only(&["sppm"]).into(),
     ]
 }
 
@@ -83,7 +92,7 @@ fn depths() -> Vec<Item> {
         let probe = if n == 1 { probe.except(&["direct"]) } else { probe };
         items.push(if n <= 4 { probe.fast() } else { probe }.into());
     }
-    items.push(of(0.999, 1000).spp(2).photons(500_000).relative(0.1).limit(120.0).into());
+    items.push(of(0.999, 1000).spp(2).photons(100_000).relative(0.1).limit(120.0).except(CONNECTING).into());
     items.push(Item::from(
         // No emission and no loss: nothing to see, and nothing may go on for ever.
         Probe::new(
@@ -148,9 +157,11 @@ fn integrating() -> Vec<Item> {
     let mut items: Vec<Item> = vec![
         of(0.5, 16, 5_000).fast().into(),
         of(0.9, 32, 50_000).relative(0.02).into(),
-        of(0.99, 32, 200_000).relative(0.05).into(),
-        of(0.999, 16, 500_000).relative(0.1).limit(120.0).into(),
-        of(0.9999, 1, 1_000_000).relative(0.4).limit(200.0).into(),
+        of(0.99, 32, 60_000).relative(0.05).except(CONNECTING).into(),
+        of(0.99, 4, 100).relative(0.05).only(CONNECTING).into(),
+        of(0.999, 8, 100_000).relative(0.1).limit(120.0).except(CONNECTING).into(),
+        of(0.9999, 1, 1_000_000).relative(0.4).limit(200.0).except(WITHOUT_MILLIONS).into(),
+        of(0.9999, 1, 400).relative(0.4).limit(200.0).only(&["sppm"]).into(),
     ];
     // A light elsewhere: at one point of the wall E = I cos θ/d² more.
     let (rho, at, seen): (f64, V3, V3) = (0.8, [0.5, 0.0, 0.0], [-0.6, 0.0, -0.8]);
