@@ -188,7 +188,8 @@ fn draw(panel: &Panel, curve: &Curve) -> Result<(), Box<dyn std::error::Error>> 
             .legend(move |(x, y)| Circle::new((x + 8, y), 3, color.filled()));
     }
     // The legend stands where the curves are not.
-    let rises = curve.points.first().zip(curve.points.last()).is_some_and(|(a, b)| b.theory > a.theory);
+    let ends = curve.points.first().zip(curve.points.last());
+    let rises = ends.is_some_and(|(a, b)| (b.theory > a.theory) == (b.parameter > a.parameter));
     chart
         .configure_series_labels()
         .background_style(WHITE.mix(0.8))
