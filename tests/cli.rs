@@ -52,13 +52,15 @@ fn compare_and_info() {
     let info = f.json("info scene.xml --json");
     assert_eq!(info["shapes"], 1);
     assert_eq!(info["lights"], 1);
-    // Ten decisions, each with its reason.
+    // Each decision with its reason, and those that change nothing for a path tracer.
     let needs = info["needs"].as_array().expect("a list");
-    assert_eq!(needs.len(), 10);
+    assert_eq!(needs.len(), 17);
+    assert!(info["idle_needs"].as_array().is_some_and(|l| l.contains(&"caustics".into()) && !l.contains(&"uv".into())));
     assert!(needs.iter().all(|n| n["reason"].as_str().is_some_and(|r| r.len() > 10)), "{info}");
     assert!(info["forecast"]["seconds"].as_f64() > Some(0.0), "{info}");
     let text = f.succeeds("info scene.xml --need caustics=on --need light=off");
-    assert!(text.contains("caustics    yes  as asked for; otherwise: there is no indirect light"), "{text}");
+    let line = "caustics      yes  as asked for; otherwise: there is no indirect light; no part of path";
+    assert!(text.contains(line), "{text}");
     f.fails("info scene.xml --need caustic=on", 2, &["known are light, direct"]);
 }
 

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::args::InfoArgs;
 use super::{CliError, bytes, human, print};
 use crate::render::{Forecast, Plan, PlanOverrides};
-use crate::scene::Needs;
+use crate::scene::{Item, Needs};
 
 #[derive(Serialize)]
 struct Info {
@@ -35,6 +35,8 @@ struct Info {
     forecast: Option<Forecast>,
     /// What rendering it needs, and why.
     needs: Needs,
+    /// Decisions that change nothing, because the integrator has no such part.
+    idle_needs: Vec<Item>,
     warnings: Vec<String>,
 }
 
@@ -44,6 +46,8 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
     let overrides = PlanOverrides { needs: a.scene.needs.clone(), ..PlanOverrides::default() };
     // An integrator that is not known here does not keep the scene from being told about.
     let plan = Plan::new(&scene, &overrides).ok();
+    let knows = |item: &Item| plan.as_ref().is_none_or(|p| p.method.knows(*item));
+    let idle_needs = Item::ALL.into_iter().filter(|i| i.is_built() && !knows(i)).collect();
     let forecast = plan.as_ref().and_then(|p| Forecast::of(&scene, p));
     let needs = plan.map_or_else(|| Needs::of(&scene, None, &overrides.needs), |p| p.needs);
     let info = Info {
@@ -69,6 +73,7 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
         left_out_memory: scene.stats.left_out_bytes,
         forecast,
         needs,
+        idle_needs,
         warnings: scene.warnings.iter().map(ToString::to_string).collect(),
     };
     if a.json {
@@ -108,7 +113,9 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
     }
     for n in info.needs.iter() {
         let decision = if n.wanted { "yes" } else { "no" };
-        print(&format!("{:<11} {decision:<3}  {}", n.item, n.reason));
+        // A decision that changes nothing here says so.
+        let idle = info.idle_needs.contains(&n.item).then(|| format!("; no part of {}", info.integrator));
+        print(&format!("{:<13} {decision:<3}  {}{}", n.item, n.reason, idle.unwrap_or_default()));
     }
     for w in &info.warnings {
         print(&format!("warning     {w}"));

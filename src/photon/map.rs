@@ -50,6 +50,7 @@ pub struct PhotonMap {
     pub(crate) positions: Positions,
     // By place, less one.
     power: Vec<[u8; 4]>,
+    /// Empty in a map that keeps none.
     direction: Vec<[u8; 2]>,
     flags: Vec<Flags>,
     /// By slot; slot 0 is unused.
@@ -67,14 +68,20 @@ impl PhotonMap {
     ///
     /// # Panics
     /// With 2³² photons or more: indices are 32 bits wide.
-    pub fn build(mut photons: Vec<Photon>) -> Self {
+    pub fn build(photons: Vec<Photon>) -> Self {
+        Self::build_with(photons, true)
+    }
+
+    /// As [`PhotonMap::build`] for a map that is read only where light from all directions scatters alike: with
+    /// `directions` false it keeps none, which saves two bytes a photon.
+    pub fn build_with(mut photons: Vec<Photon>, directions: bool) -> Self {
         let given = photons.len();
         photons.retain(|p| storable(Vec3::from_array(p.position)));
         let rejected = (given - photons.len()) as u64;
         let (keys, axes) = build::balance(&photons);
         let keys = keys.as_slice();
         let n = photons.len();
-        let mut map = Self::lay_out(n, |slot| {
+        let mut map = Self::lay_out(n, directions, |slot| {
             let rank = heap::rank(slot, n);
             let key = &keys[rank];
             let photon = &photons[key.id as usize];
@@ -85,12 +92,13 @@ impl PhotonMap {
     }
 
     /// A map whose slot `i`, from 1 to n, holds the photon `photon(i)`.
-    fn lay_out(n: usize, photon: impl Fn(usize) -> Photon + Sync) -> Self {
+    fn lay_out(n: usize, directions: bool, photon: impl Fn(usize) -> Photon + Sync) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         assert!(u32::try_from(n).is_ok(), "a photon map holds at most 2^32 - 1 photons");
         let layout = Layout::new(n);
         let mut positions = Positions::new(&layout);
-        let (mut power, mut direction, mut flags) = (vec![[0; 4]; n], vec![[0; 2]; n], vec![Flags(0); n]);
+        let (mut power, mut flags) = (vec![[0; 4]; n], vec![Flags(0); n]);
+        let mut direction = vec![[0; 2]; if directions { n } else { 0 }];
 
         // A block at a time: its positions are one run of 3·lanes floats, its cold bytes one run of places.
         let mut blocks = Vec::with_capacity(layout.buckets);
@@ -102,7 +110,7 @@ impl PhotonMap {
             let (p1, c1, d1, f1);
             (p1, p) = p.split_at_mut(3 * lanes);
             (c1, c) = c.split_at_mut(used);
-            (d1, d) = d.split_at_mut(used);
+            (d1, d) = d.split_at_mut(used.min(d.len()));
             (f1, f) = f.split_at_mut(used);
             blocks.push((p1, c1, d1, f1));
         }
@@ -111,12 +119,15 @@ impl PhotonMap {
                 let lanes = p.len() / 3;
                 let mut bounds = Bounds3::EMPTY;
                 let first = usize::from(block == 0);
-                for (i, ((c, d), f)) in c.iter_mut().zip(d).zip(f).enumerate() {
+                for (i, (c, f)) in c.iter_mut().zip(f).enumerate() {
                     let lane = i + first;
                     let photon = photon(layout.slot(block, lane));
                     bounds = bounds.extend(Vec3::from_array(photon.position));
                     [p[lane], p[lane + lanes], p[lane + 2 * lanes]] = photon.position;
-                    (*c, *d, *f) = (photon.power, photon.direction, photon.flags);
+                    (*c, *f) = (photon.power, photon.flags);
+                    if let Some(d) = d.get_mut(i) {
+                        *d = photon.direction;
+                    }
                 }
                 bounds
             })
@@ -145,7 +156,7 @@ impl PhotonMap {
         if !photons.iter().all(|p| storable(Vec3::from_array(p.position)) && p.flags.axis() < 3) {
             return None;
         }
-        let map = Self::lay_out(photons.len(), |slot| photons[slot - 1]);
+        let map = Self::lay_out(photons.len(), true, |slot| photons[slot - 1]);
         map.is_heap().then_some(map)
     }
 
@@ -227,10 +238,14 @@ impl PhotonMap {
         rgbe::unpack(self.power[index as usize])
     }
 
-    /// Unit direction towards where the photon came from.
+    /// Unit direction towards where the photon came from; the normal on that side in a map that keeps no directions.
     #[inline]
     pub fn direction(&self, index: u32) -> Vec3 {
-        direction::decode(self.direction[index as usize])
+        match self.direction.get(index as usize) {
+            Some(&bytes) => direction::decode(bytes),
+            None if self.side(index) => self.normal(index),
+            None => -self.normal(index),
+        }
     }
 
     #[inline]
@@ -257,7 +272,7 @@ impl PhotonMap {
         Photon {
             position: self.position(index).to_array(),
             power: self.power[i],
-            direction: self.direction[i],
+            direction: self.direction.get(i).copied().unwrap_or_default(),
             flags: self.flags[i],
         }
     }

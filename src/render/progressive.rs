@@ -9,6 +9,7 @@ use crate::integrator::sppm::{
     FoundPhotons, KINDS, PILOT_PASS, PassMaps, Radii, SharedStatistics, Sppm, SppmSettings, radius_sq_ratio,
 };
 use crate::photon::{Kernel, PhotonMap};
+use crate::scene::Item;
 use crate::shoot::{Emission, Target};
 use crate::tally::Counters;
 
@@ -83,6 +84,7 @@ impl Session<'_> {
     fn pass_maps(&mut self, settings: &SppmSettings, pass: u64, emitted: &PassEmission, control: &Control) -> PassMaps {
         let (scene, summary) = (self.scene, &mut self.summary);
         let mut maps = PassMaps::default();
+        let directions = self.plan.needs.wants(Item::Directions);
         for (target, emission) in settings.targets().zip(emitted) {
             control.progress.phase("shoot photons");
             let shooting = settings.shoot_settings(self.plan.seed, pass, target, scene.sampler.sequence);
@@ -91,7 +93,7 @@ impl Session<'_> {
                 summary.add_shot(target, &shot);
             }
             control.progress.phase("balance map");
-            let map = summary.time("balance map", || PhotonMap::build(shot.photons));
+            let map = summary.time("balance map", || PhotonMap::build_with(shot.photons, directions));
             let map = RadiusMap::new(map, Kernel::Epanechnikov);
             match target {
                 Target::Caustic => maps.caustic = map,

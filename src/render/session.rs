@@ -10,7 +10,8 @@ use crate::gather::{PhotonMaps, ShadowMap};
 use crate::image::Image;
 use crate::integrator::sppm::SharedStatistics;
 use crate::integrator::{PhotonMapper, PhotonMapperSettings, vcm};
-use crate::scene::Scene;
+use crate::photon::PhotonMap;
+use crate::scene::{Item, Scene};
 use crate::shoot::Target;
 use crate::tally::Counters;
 
@@ -180,6 +181,7 @@ impl<'s> Session<'s> {
     fn build_maps(&mut self, settings: &PhotonMapperSettings, control: &Control) -> PhotonMaps {
         let (scene, summary) = (self.scene, &mut self.summary);
         let mut maps = PhotonMaps::default();
+        let directions = self.plan.needs.wants(Item::Directions);
         for target in settings.targets() {
             let stored = self.plan.stored_maps.as_ref().and_then(|file| file.map(target.name()));
             let map = stored.cloned().unwrap_or_else(|| {
@@ -188,7 +190,7 @@ impl<'s> Session<'s> {
                 let shot = summary.time("shoot photons", || crate::shoot::shoot(scene, &shooting));
                 summary.add_shot(target, &shot);
                 control.progress.phase("balance map");
-                summary.time("balance map", || crate::photon::PhotonMap::build(shot.photons))
+                summary.time("balance map", || PhotonMap::build_with(shot.photons, directions))
             });
             let radius = scene.bounding_sphere().1;
             match target {

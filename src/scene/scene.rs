@@ -25,7 +25,8 @@ pub struct LoadOptions {
     /// Film size in place of the file's; with one of them the proportions stay.
     pub width: Option<u32>,
     pub height: Option<u32>,
-    /// `uv=on` and `normals=on` keep the texture coordinates and vertex normals of meshes that have no use for them.
+    /// `uv=on` and `normals=on` keep the texture coordinates and vertex normals of meshes that have no use for them, `off`
+    /// drops those of all meshes.
     pub needs: Vec<NeedOverride>,
 }
 

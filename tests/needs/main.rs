@@ -13,7 +13,7 @@ use caustica::accel::AccelKind;
 use caustica::image::Image;
 use caustica::render::{Control, Plan, PlanOverrides, Rendering, Silent, render};
 use caustica::scene::{Item, LoadOptions, NeedOverride, Scene};
-use scenes::{Case, deceiving, lacking, write_images};
+use scenes::{Case, deceiving, everything, lacking, write_images};
 
 /// The system's allocator, counting what is held and the most that was held.
 struct Counting;
@@ -43,13 +43,13 @@ static ALLOCATOR: Counting = Counting;
 /// One test at a time, so that none counts another's bytes.
 static ALONE: Mutex<()> = Mutex::new(());
 
-fn everything() -> Vec<NeedOverride> {
-    Item::ALL.map(|item| (item, true)).to_vec()
+fn try_load(dir: &Path, xml: &str, needs: &[NeedOverride]) -> Result<Scene, String> {
+    let options = LoadOptions { accel: AccelKind::Bvh, needs: needs.to_vec(), ..LoadOptions::default() };
+    Scene::from_text(xml, &dir.join("scene.xml"), &options).map_err(|e| e.to_string())
 }
 
 fn load(dir: &Path, xml: &str, needs: &[NeedOverride]) -> Scene {
-    let options = LoadOptions { accel: AccelKind::Bvh, needs: needs.to_vec(), ..LoadOptions::default() };
-    match Scene::from_text(xml, &dir.join("scene.xml"), &options) {
+    match try_load(dir, xml, needs) {
         Ok(scene) => scene,
         Err(e) => panic!("{e}\n{xml}"),
     }
@@ -197,4 +197,97 @@ fn what_is_left_out_takes_no_memory() {
     // The cube's 24 corners with normals, and its and the lamp's four with uv.
     assert_eq!(saved, 24 * 12 + 28 * 8);
     assert_eq!(planned.stats.left_out_bytes as usize, saved);
+    // Two bytes a photon where no estimate reads directions.
+    let kept = run(&planned, &[(Item::Directions, true)], 1).summary;
+    let stored: u64 = kept.maps.iter().map(|m| m.stored).sum();
+    assert!(stored > 1000, "{stored} photons");
+    assert_eq!(kept.photon_memory - run(&planned, &[], 1).summary.photon_memory, 2 * stored as usize);
+}
+
+/// Files that cannot be read are named where they are used, and not noticed where nothing depends on them.
+#[test]
+fn what_is_not_used_is_not_read() {
+    let _alone = ALONE.lock();
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    for name in ["broken.exr", "broken.ply"] {
+        std::fs::write(dir.path().join(name), "nothing of use").expect("a temporary file");
+    }
+    let broken = r#"<string name="filename" value="broken.exr"/>"#;
+    let bsdf =
+        format!(r#"<bsdf type="diffuse" id="x"><texture type="bitmap" name="reflectance">{broken}</texture></bsdf>"#);
+    let texture = format!(r#"<texture type="bitmap" id="x">{broken}</texture>"#);
+    let group = r#"<shape type="shapegroup" id="x"><shape type="ply"><string name="filename" value="broken.ply"/></shape></shape>"#;
+    let sky = format!(r#"<emitter type="envmap">{broken}<float name="scale" value="SCALE"/></emitter>"#);
+    let slide = format!(r#"<texture type="bitmap" name="SLIDE">{broken}</texture>"#);
+    let spot = format!(
+        r#"<emitter type="spot"><rgb name="intensity" value="SCALE"/>{}</emitter>"#,
+        slide.replace("SLIDE", "texture")
+    );
+    let projector = format!(
+        r#"<emitter type="projector"><float name="scale" value="SCALE"/>{}</emitter>"#,
+        slide.replace("SLIDE", "irradiance")
+    );
+    let dark = |emitter: &str| (emitter.replace("SCALE", "0"), emitter.replace("SCALE", "1"));
+    let used = |unused: &str, user: &str| (unused.to_owned(), format!("{unused}{user}"));
+    let cases = [
+        used(&bsdf, r#"<shape type="sphere"><ref id="x"/></shape>"#),
+        used(&texture, r#"<shape type="sphere"><bsdf type="diffuse"><ref name="reflectance" id="x"/></bsdf></shape>"#),
+        used(group, r#"<shape type="instance"><ref id="x"/></shape>"#),
+        dark(&sky),
+        dark(&spot),
+        dark(&projector),
+    ];
+    let scene = |body: &str| format!(r#"<scene version="3.0.0"><shape type="rectangle"/>{body}</scene>"#);
+    for (without, with) in cases {
+        let loaded = load(dir.path(), &scene(&without), &[]);
+        assert_eq!((loaded.lights.len(), loaded.textures.len(), loaded.geometry.shapes.len()), (0, 0, 1), "{without}");
+        let error = try_load(dir.path(), &scene(&with), &[]).err();
+        assert!(error.as_ref().is_some_and(|e| e.contains("broken")), "{error:?} of {with}");
+    }
+    // What the camera does not see may still be seen by light: it stays.
+    let behind = r#"<shape type="sphere"><point name="center" x="0" y="0" z="-500"/></shape>"#;
+    assert_eq!(load(dir.path(), &scene(behind), &[]).geometry.shapes.len(), 2);
+}
+
+/// No line of the plan is idle: deciding otherwise changes the recipe, the geometry or the maps.
+#[test]
+fn every_decision_changes_something() {
+    let _alone = ALONE.lock();
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    write_images(dir.path());
+    let all = deceiving();
+    let case = all.iter().find(|c| c.name == "a chequered mirror").expect("the scene is there");
+    let normals = r#"<shape type="obj"><string name="filename" value="bent.obj"/>
+        <bsdf type="diffuse"><texture type="checkerboard" name="reflectance"/></bsdf></shape></scene>"#;
+    let bent = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nvn 0.1 0 1\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1/1 2/2/2 3/3/1\n";
+    std::fs::write(dir.path().join("bent.obj"), bent).expect("a temporary file");
+    let xml = case.xml(16).replace("</scene>", normals);
+    let state = |needs: &[NeedOverride], name: &str| {
+        let scene = load(dir.path(), &xml, needs);
+        let overrides = PlanOverrides {
+            integrator: Some(name.to_owned()),
+            needs: needs.to_vec(),
+            photons: Some(1000),
+            ..PlanOverrides::default()
+        };
+        let plan = Plan::new(&scene, &overrides).expect("a known integrator");
+        let maps = if name == "photonmapper" { run(&scene, needs, 1).summary.photon_memory } else { 0 };
+        (format!("{:?}", plan.method), scene.geometry.memory(), maps, plan)
+    };
+    for name in ["photonmapper", "sppm", "path", "direct", "vcm"] {
+        let (method, geometry, maps, plan) = state(&[], name);
+        for item in Item::ALL.into_iter().filter(|i| i.is_built() && plan.method.knows(*i)) {
+            if name == "sppm" && item == Item::Directions {
+                continue; // Seen in the maps alone, which photonmapper shares.
+            }
+            let other = state(&[(item, !plan.needs.wants(item))], name);
+            assert!(
+                (method.clone(), geometry, maps) != (other.0, other.1, other.2),
+                "{item} changes nothing of {name}"
+            );
+        }
+        // What cannot be made is not, whatever is asked for.
+        let motion = state(&[(Item::Motion, true)], name).3.needs;
+        assert!(!motion.wants(Item::Motion) && motion.iter().all(|n| !n.forced));
+    }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use caustica::color::Rgb;
 use caustica::image::{Image, WriteOptions, write};
-use caustica::scene::Item;
+use caustica::scene::{Item, NeedOverride};
 
 /// A scene with the item that decides about it.
 #[allow(dead_code)]
@@ -31,6 +31,11 @@ impl Case {
             self.max_depth, self.body
         )
     }
+}
+
+/// Everything forced on, but for what trades exactness for time and is made only where a scene file asks for it.
+pub fn everything() -> Vec<NeedOverride> {
+    Item::ALL.into_iter().filter(|i| i.is_built() && !i.is_opt_in()).map(|i| (i, true)).collect()
 }
 
 /// Images that the scenes refer to: all black, and black with one bright texel.

@@ -55,6 +55,12 @@ pub struct SppmSettings {
     /// Radii by the photons that each pixel has found [Hachisuka and Jensen 2009] rather than by the pass's number: passes
     /// then depend on those before.
     pub shared_statistics: bool,
+    /// Shoot caustic photons.
+    pub caustics: bool,
+    /// Shoot indirect photons.
+    pub indirect: bool,
+    /// Aim the emission of caustic photons at what focuses light.
+    pub guided_emission: bool,
 }
 
 /// The maps of a pass, and the pass number of the pilot, that no pass of a picture has.
@@ -73,14 +79,15 @@ impl SppmSettings {
             walk,
             photons: self.photon_count,
             max_paths: self.photon_count.saturating_mul(4),
-            guided: true,
+            guided: self.guided_emission,
         }
     }
 
-    /// The kinds of photons that can exist, in the order of [`PassMaps::kind`].
+    /// The kinds of photons that can exist and are wanted, in the order of [`PassMaps::kind`].
     pub fn targets(&self) -> impl Iterator<Item = Target> {
         let enough = self.max_depth.is_none_or(|d| d > 2);
-        [Target::Caustic, Target::Indirect].into_iter().filter(move |_| enough)
+        let kinds = [(Target::Caustic, self.caustics), (Target::Indirect, self.indirect)];
+        kinds.into_iter().filter(move |(_, wanted)| enough && *wanted).map(|(target, _)| target)
     }
 }
 

@@ -69,8 +69,8 @@ impl<'d> Loader<'d> {
                 let to_world = self.placed(&q, to_scene)?;
                 let intensity = self.emission(&q, "intensity")? * (s * s);
                 let spot = Spot::new(&to_world, intensity, cutoff.to_radians() as f32, beam.to_radians() as f32);
-                match self.color_param(&q, "texture", Rgb::WHITE, ColorUse::Emission)? {
-                    ColorParam::Const(c) if c == Rgb::WHITE => Light::Spot(spot),
+                match self.slide(&q, "texture", intensity.is_black())? {
+                    ColorParam::Const(c) if c == Rgb::WHITE || intensity.is_black() => Light::Spot(spot),
                     slide => Light::Spot(spot.with_slide(geometry, &self.textures, slide)),
                 }
             }
@@ -96,6 +96,18 @@ impl<'d> Loader<'d> {
         q.ignore(&["sampling_weight"]);
         q.finish()?;
         Ok(light)
+    }
+
+    /// What colours a light. That of one that emits nothing is checked, and its file is not read.
+    fn slide(&mut self, q: &Query<'d>, name: &str, dark: bool) -> Result<ColorParam, SceneError> {
+        let used = self.used();
+        self.unused |= dark;
+        let slide = self.color_param(q, name, Rgb::WHITE, ColorUse::Emission)?;
+        if !dark {
+            return Ok(slide);
+        }
+        self.forget(used);
+        Ok(ColorParam::Const(Rgb::BLACK))
     }
 
     fn emission(&self, q: &Query, name: &str) -> Result<Rgb, SceneError> {
@@ -137,7 +149,7 @@ impl<'d> Loader<'d> {
         let to_world = self.placed(q, to_scene)?;
         let s = to_scene.scale as f32;
         let scale = q.float_or("scale", 1.0)? as f32 * s * s;
-        let slide = self.color_param(q, "irradiance", Rgb::WHITE, ColorUse::Emission)?;
+        let slide = self.slide(q, "irradiance", scale == 0.0)?;
         // A bitmap has the proportions of its pixels, anything else is square.
         let aspect = match slide {
             ColorParam::Texture(id) => match self.textures.get(id) {

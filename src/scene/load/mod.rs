@@ -81,15 +81,15 @@ struct Loader<'d> {
     declared: HashSet<NodeId>,
     /// What is read now is not used: its parameters are checked, its files stay closed.
     unused: bool,
-    /// Vertex normals and texture coordinates that stay without a use.
+    /// What somebody wants of vertex normals and texture coordinates.
     keep: Keep,
 }
 
-/// Parts of meshes that are kept whether or not they are used.
+/// Parts of meshes that are kept, or dropped, whether or not they are used; `None` where use decides.
 #[derive(Clone, Copy, Default)]
 struct Keep {
-    uv: bool,
-    normals: bool,
+    uv: Option<bool>,
+    normals: Option<bool>,
 }
 
 impl<'d> Loader<'d> {

@@ -11,10 +11,10 @@ use crate::bsdf::{MaterialId, survey};
 use crate::geometry::Shape;
 
 impl Keep {
-    /// What was asked to stay.
+    /// What was asked to stay or to go.
     pub(super) fn of(overrides: &[NeedOverride]) -> Self {
-        let on = |item| overrides.iter().rev().find(|(i, _)| *i == item).is_some_and(|(_, on)| *on);
-        Self { uv: on(Item::Uv), normals: on(Item::Normals) }
+        let asked = |item| overrides.iter().rev().find(|(i, _)| *i == item).map(|(_, on)| *on);
+        Self { uv: asked(Item::Uv), normals: asked(Item::Normals) }
     }
 }
 
@@ -88,18 +88,22 @@ impl<'d> Loader<'d> {
         Ok(())
     }
 
-    /// Drops texture coordinates and normals that nothing on the shape depends on; the bytes that were saved.
+    /// Drops texture coordinates and normals that nothing on the shape depends on, or that somebody wants to go; the bytes
+    /// that were saved.
     pub(super) fn strip(&self, shape: &mut Shape, material: MaterialId, emitter: Option<&'d Child>) -> usize {
         let Shape::Mesh(mesh) = shape else { return 0 };
         let Some(mesh) = Arc::get_mut(mesh) else { return 0 };
         let before = mesh.memory();
         let textured =
             |e: &Child| self.doc.node(e.node).children.iter().any(|c| self.doc.node(c.node).tag == Tag::Texture);
-        if !self.keep.uv && !survey(&self.materials, &self.textures, material).uv && !emitter.is_some_and(textured) {
+        let used = || survey(&self.materials, &self.textures, material).uv || emitter.is_some_and(textured);
+        if !self.keep.uv.unwrap_or_else(used) {
             mesh.uvs = None;
         }
-        if !self.keep.normals {
-            mesh.drop_flat_normals();
+        match self.keep.normals {
+            Some(true) => {}
+            Some(false) => mesh.normals = None,
+            None => _ = mesh.drop_flat_normals(),
         }
         before - mesh.memory()
     }
