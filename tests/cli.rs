@@ -61,6 +61,7 @@ fn compare_and_info() {
     let text = f.succeeds("info scene.xml --need caustics=on --need light=off");
     let line = "caustics      yes  as asked for; otherwise: there is no indirect light; no part of path";
     assert!(text.contains(line), "{text}");
+    f.fails("info scene.xml --need spectral=on", 2, &["spectral=on", "cannot make"]);
     f.fails("info scene.xml --need caustic=on", 2, &["known are light, direct"]);
 }
 

@@ -8,7 +8,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::accel::AccelKind;
 use crate::integrator::Layer;
-use crate::scene::NeedOverride;
+use crate::scene::{Item, NeedOverride};
 
 /// A photon-mapping renderer for the CPU that reads Mitsuba scene files.
 #[derive(Debug, Parser)]
@@ -546,7 +546,11 @@ fn need(s: &str) -> Result<NeedOverride, String> {
         Some((item, "off")) => (item, false),
         _ => return Err(format!("found {s:?}, expected ITEM=on or ITEM=off, for example --need caustics=off")),
     };
-    Ok((item.parse()?, on))
+    let item: Item = item.parse()?;
+    if on && !item.is_built() {
+        return Err(format!("found {s:?}, but this version cannot make it"));
+    }
+    Ok((item, on))
 }
 
 /// `relmse=1e-3`.
@@ -601,9 +605,10 @@ mod tests {
 
     #[test]
     fn needs() {
-        use crate::scene::Item;
         assert_eq!(need("caustics=off"), Ok((Item::Caustics, false)));
         assert_eq!(need("uv=on"), Ok((Item::Uv, true)));
+        assert_eq!(need("spectral=off"), Ok((Item::Spectral, false)));
+        assert!(need("spectral=on").is_err_and(|e| e.contains("cannot make")));
         assert!(need("caustics").is_err() && need("caustics=yes").is_err() && need("caustic=on").is_err());
     }
 
