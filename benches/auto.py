@@ -52,7 +52,7 @@ def measure(args, scene, folder):
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--caustica", default=ROOT / "target/release/caustica")
-    p.add_argument("--size", default="128")
+    p.add_argument("--size", default="128", help="width and height of the pictures")
     p.add_argument("--time", default="15s")
     p.add_argument("--reference-time", default="60s")
     p.add_argument("--seeds", default="1")

@@ -285,3 +285,16 @@ fn a_map_read_in_heap_order_is_the_same_map() {
     wrong.swap(1, 2);
     assert!(PhotonMap::from_heap_order(&wrong).is_none());
 }
+
+#[test]
+fn a_map_without_directions_is_two_bytes_smaller_and_else_the_same() {
+    let points: Vec<Vec3> = (0..3000).map(vector).collect();
+    let photons: Vec<Photon> = points.iter().enumerate().map(|(i, &p)| photon(p, i)).collect();
+    let (full, lean) = (PhotonMap::build(photons.clone()), PhotonMap::build_with(photons, false));
+    assert_eq!(full.memory() - lean.memory(), 2 * 3000);
+    for i in 0..3000 {
+        assert_eq!((full.position(i), full.power(i), full.flags(i)), (lean.position(i), lean.power(i), lean.flags(i)));
+        let towards = if lean.side(i) { lean.normal(i) } else { -lean.normal(i) };
+        assert_eq!(lean.direction(i), towards);
+    }
+}

@@ -21,7 +21,7 @@ pub const AUTO: &str = "auto";
 const PASSES: u64 = 2;
 
 /// Pixels of a pilot at most; a larger film is tried at a lower resolution.
-const MOST_PIXELS: u64 = 256 * 256;
+const MOST_PIXELS: u64 = 128 * 128;
 
 /// The error (relMSE) that the methods race to.
 const GOAL: f64 = 1e-2;
