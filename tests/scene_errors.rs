@@ -1,5 +1,7 @@
 //! Scenes with a mistake: each gives an error that names the place, what was found and what to do, and none panics.
 
+mod common;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -335,4 +337,11 @@ fn defines_are_checked() {
     assert!(with("spp").is_ok());
     let e = with("ssp").err().expect("an error").to_string();
     assert!(e.contains("no parameter \"ssp\"") && e.contains("did you mean \"spp\"?"), "{e}");
+}
+
+#[test]
+fn a_misspelt_scene_is_told_its_name() {
+    let f = common::program::Folder::new("<scene version=\"3.0.0\"/>");
+    f.fails("render scen.xml", 2, &["scen.xml", "cannot read the scene file", "did you mean \"scene.xml\"?"]);
+    f.fails("info sub/scene.xml", 2, &["cannot read the scene file"]);
 }
