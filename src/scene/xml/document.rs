@@ -143,3 +143,19 @@ impl<'t> SourceFile<'t> {
         Position { file: self.path.clone(), line: line as u32, col: col as u32 + 1 }
     }
 }
+
+/// A scene file that cannot be read; where there is none, the one beside it with the nearest name is suggested.
+pub(super) fn unreadable(start: &Position, why: &str) -> SceneError {
+    let e = SceneError::at(start, format!("cannot read the scene file: {why}"));
+    let folder = start.file.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let (Ok(entries), Some(name), false) = (folder.read_dir(), start.file.file_name(), start.file.exists()) else {
+        return e;
+    };
+    let names = entries.flatten().map(|f| f.file_name().to_string_lossy().into_owned());
+    let mut scenes: Vec<String> = names.filter(|n| n.ends_with(".xml")).collect();
+    scenes.sort_unstable();
+    match scenes.is_empty() {
+        true => e.help(format!("there is no .xml file in {}", folder.display())),
+        false => e.suggest(&name.to_string_lossy(), &scenes),
+    }
+}

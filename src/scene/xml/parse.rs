@@ -8,7 +8,7 @@ use std::sync::Arc;
 use glam::{DMat4, DVec3};
 
 use super::super::{Position, SceneError};
-use super::document::{MAX_FILE_BYTES, SourceFile, hash_block, read_limited, resolve};
+use super::document::{MAX_FILE_BYTES, SourceFile, hash_block, read_limited, resolve, unreadable};
 use super::value::{self, brief};
 use super::{Child, ColorSource, Document, Node, NodeId, ParseOptions, Prop, Tag, Value, transform, upgrade};
 
@@ -683,22 +683,6 @@ fn xml_error(source: &SourceFile, error: &roxmltree::Error) -> SceneError {
         _ => "",
     };
     SceneError::at(&pos, format!("not well-formed XML: {message}")).help(help)
-}
-
-/// A scene file that cannot be read; where there is none, the one beside it with the nearest name is suggested.
-fn unreadable(start: &Position, why: &str) -> SceneError {
-    let e = SceneError::at(start, format!("cannot read the scene file: {why}"));
-    let folder = start.file.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let (Ok(entries), Some(name), false) = (folder.read_dir(), start.file.file_name(), start.file.exists()) else {
-        return e;
-    };
-    let names = entries.flatten().map(|f| f.file_name().to_string_lossy().into_owned());
-    let mut scenes: Vec<String> = names.filter(|n| n.ends_with(".xml")).collect();
-    scenes.sort_unstable();
-    match scenes.is_empty() {
-        true => e.help(format!("there is no .xml file in {}", folder.display())),
-        false => e.suggest(&name.to_string_lossy(), &scenes),
-    }
 }
 
 fn read_text(path: &Path) -> Result<String, String> {
