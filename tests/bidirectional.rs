@@ -13,7 +13,7 @@ const SEEDS: u64 = 16;
 /// Camera samples of `path` for each one of the other methods.
 const REFERENCE: u64 = 4;
 
-const SPP: u64 = if cfg!(feature = "slow-tests") { 16 } else { 2 };
+const SPP: u64 = if cfg!(feature = "slow-tests") { 8 } else { 2 };
 
 /// A camera that looks along −z at the origin.
 const CAMERA: &str = r#"<sensor type="perspective">

@@ -162,7 +162,7 @@ mod tests {
     }
 
     fn sphere(center: Vec3, radius: f32) -> Shape {
-        Shape::Sphere(Sphere { center, radius, flip_normals: false, to_world: Transform::IDENTITY })
+        Shape::Sphere(Sphere { center, radius, flip_normals: false, uv: true, to_world: Transform::IDENTITY })
     }
 
     fn built(set: GeometrySet) -> EmbreeAccel {

@@ -52,7 +52,8 @@ pub fn pack(c: Rgb, hash: u64) -> Option<[u8; 4]> {
 
 /// `⌊v · 2^(8−e) + u⌋` a channel, `u` being 21 of the hash's bits.
 fn round_up_by_chance(channels: [f32; 3], e: i32, hash: u64) -> [u32; 3] {
-    let scale = 2f64.powi(8 - e);
+    // 2^(8 − e), which is far from the ends of f64's range.
+    let scale = f64::from_bits(((1023 + 8 - e) as u64) << 52);
     let mut out = [0; 3];
     for (k, (m, v)) in out.iter_mut().zip(channels).enumerate() {
         let u = (hash >> (21 * k) & 0x1f_ffff) as f64 * (1.0 / 2_097_152.0);

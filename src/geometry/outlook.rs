@@ -187,7 +187,7 @@ mod tests {
     fn balls_and_discs() {
         let ball = |flip_normals| {
             let to_world = Transform::IDENTITY;
-            Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 1.0, flip_normals, to_world })
+            Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 1.0, flip_normals, uv: true, to_world })
         };
         let (out, inward) = (Outlook::of(&ball(false)), Outlook::of(&ball(true)));
         let own = ball(false).hull();

@@ -110,9 +110,8 @@ impl Sphere {
         // Measure the miss distance at the closest approach instead of subtracting large squares.
         let a = d.length_squared();
         let b = -o.dot(d);
-        let miss = (o + d * (b / a)).length();
-        let dist = o.length();
-        let [t0, t1] = roots(a, b, (dist - r) * (dist + r), (r - miss) * (r + miss))?;
+        let miss_sq = (o + d * (b / a)).length_squared();
+        let [t0, t1] = roots(a, b, o.length_squared() - r * r, r * r - miss_sq)?;
         on_ray(t0, ray).or_else(|| on_ray(t1, ray))
     }
 
@@ -133,7 +132,14 @@ impl Sphere {
         let n = at.try_normalize().unwrap_or(DVec3::Z);
         let p = (c + n * r).as_vec3();
         let p_err = gamma(5) * (self.center.abs() + (n.abs() * r).as_vec3());
-        // Mitsuba's parametrisation: u = φ/2π, v = θ/π.
+        let normal = if self.flip_normals { -n } else { n }.as_vec3();
+        let (uv, dpdu, dpdv) = if self.uv { self.parametrise(n) } else { (Vec2::ZERO, Vec3::ZERO, Vec3::ZERO) };
+        Parametrised { p, p_err, n: normal, uv, dpdu, dpdv }.finish(ray, t)
+    }
+
+    /// Texture coordinates and the derivatives along them where the outward normal is `n`, as in Mitsuba: u = φ/2π, v = θ/π.
+    fn parametrise(&self, n: DVec3) -> (Vec2, Vec3, Vec3) {
+        let r = self.radius as f64;
         let local = self.to_world.inverse_matrix().transform_vector3(n).try_normalize().unwrap_or(DVec3::Z);
         let (phi, sin) = (positive_angle(local.y, local.x), local.x.hypot(local.y));
         let theta = sin.atan2(local.z);
@@ -141,9 +147,7 @@ impl Sphere {
         let tangent = |v: DVec3| self.to_world.vector_f64(v).normalize_or_zero() * r;
         let dpdu = tangent(DVec3::new(-sin_phi, cos_phi, 0.0)) * TAU * sin.max(1e-7);
         let dpdv = tangent(DVec3::new(local.z * cos_phi, local.z * sin_phi, -sin)) * PI;
-        let n = if self.flip_normals { -n } else { n }.as_vec3();
-        let uv = Vec2::new((phi / TAU) as f32, (theta / PI) as f32);
-        Parametrised { p, p_err, n, uv, dpdu: dpdu.as_vec3(), dpdv: dpdv.as_vec3() }.finish(ray, t)
+        (Vec2::new((phi / TAU) as f32, (theta / PI) as f32), dpdu.as_vec3(), dpdv.as_vec3())
     }
 }
 

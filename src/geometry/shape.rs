@@ -11,7 +11,9 @@ pub struct Sphere {
     pub center: Vec3,
     pub radius: f32,
     pub flip_normals: bool,
-    /// Orientation of the (θ, φ) parametrisation: local unit sphere to scene space.
+    /// Whether hits carry the (θ, φ) parametrisation; otherwise their texture coordinates are 0 and their tangents any.
+    pub uv: bool,
+    /// Orientation of the parametrisation: local unit sphere to scene space.
     pub to_world: Transform,
 }
 

@@ -83,7 +83,7 @@ fn random_placement(rng: &mut Random, scale: f64) -> Transform {
 
 fn sphere(to_world: Transform) -> Sphere {
     let radius = to_world.vector_f64(DVec3::X).length() as f32;
-    Sphere { center: to_world.point(Vec3::ZERO), radius, flip_normals: false, to_world }
+    Sphere { center: to_world.point(Vec3::ZERO), radius, flip_normals: false, uv: true, to_world }
 }
 
 fn cylinder(to_world: Transform) -> Cylinder {

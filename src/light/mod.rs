@@ -6,6 +6,7 @@
 mod area;
 mod distant;
 mod envmap;
+mod near;
 mod point;
 mod projector;
 mod reach;
@@ -21,6 +22,7 @@ use glam::{Mat3, Vec2, Vec3};
 pub use area::AreaLight;
 pub use distant::{Constant, Directional};
 pub use envmap::EnvMap;
+pub use near::NearLights;
 pub use point::Point;
 pub use projector::Projector;
 pub use selector::LightSelector;

@@ -183,7 +183,7 @@ fn ceiling(size: f32, z: f32) -> Shape {
 
 fn sphere(center: Vec3, radius: f32, flip_normals: bool) -> Shape {
     let m = DMat4::from_translation(center.as_dvec3()) * DMat4::from_scale(DVec3::splat(radius as f64));
-    Shape::Sphere(Sphere { center, radius, flip_normals, to_world: transform(m) })
+    Shape::Sphere(Sphere { center, radius, flip_normals, uv: true, to_world: transform(m) })
 }
 
 fn disk_facing_down(radius: f64, z: f64) -> Shape {
@@ -564,6 +564,7 @@ fn dark_stages() -> Vec<(&'static str, Stage)> {
                     center: Vec3::Z,
                     radius: 0.0,
                     flip_normals: false,
+                    uv: true,
                     to_world: Transform::IDENTITY,
                 }),
                 LE,

@@ -12,7 +12,7 @@ use crate::bsdf::{self, Bsdf, LobeMask, Material, MaterialId};
 use crate::camera::Camera;
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Hit, Ray, SurfaceInteraction};
-use crate::light::{Light, LightContext, LightLi, LightSelector};
+use crate::light::{Light, LightContext, LightLi, LightSelector, NearLights};
 use crate::math::{Bounds3, offset_ray_origin};
 use crate::texture::Textures;
 
@@ -71,6 +71,8 @@ pub struct Scene {
     pub environment: Option<u32>,
     /// Picks lights by their power.
     pub selector: LightSelector,
+    /// Where lights are near in relation to their size.
+    pub near_lights: NearLights,
     pub camera: Camera,
     pub film: FilmSettings,
     pub sampler: SamplerSettings,

@@ -90,7 +90,7 @@ pub(super) fn mixed_set(rng: &mut Random) -> Arc<GeometrySet> {
         Transform::new(m).expect("invertible")
     };
     let sphere = |to_world: Transform, radius| {
-        Shape::Sphere(Sphere { center: to_world.point(Vec3::ZERO), radius, flip_normals: false, to_world })
+        Shape::Sphere(Sphere { center: to_world.point(Vec3::ZERO), radius, flip_normals: false, uv: true, to_world })
     };
     let mut shapes = vec![Shape::Mesh(Arc::new(soup(rng, 300, 0.1))), Shape::Mesh(Arc::new(soup(rng, 40, 0.3)))];
     let to_world = place(rng, 0.3);

@@ -142,8 +142,8 @@ impl PhotonMapper<'_> {
     }
 
     /// Direct light that leaves `si`, shared between shadow rays and those of `gather_rays` gather rays that meet a light;
-    /// and how many of those there are for each shadow ray. Where none are traced, narrow lobes send rays of their own:
-    /// light sampling alone hardly finds them.
+    /// and how many of those there are for each shadow ray. Where none are traced, narrow lobes send rays of their own, since
+    /// light sampling alone hardly finds them, and so do surfaces near to a light.
     #[inline]
     fn direct(
         &self,
@@ -155,8 +155,8 @@ impl PhotonMapper<'_> {
         counters: &mut Counters,
     ) -> (Rgb, f32) {
         let shadow_rays = self.settings.direct_samples.max(1);
-        let narrow = gather_rays == 0 && bsdf.lobes().intersects(LobeMask::GLOSSY);
-        let share = if narrow { 1.0 } else { gather_rays as f32 / shadow_rays as f32 };
+        let own_rays = gather_rays == 0 && (bsdf.lobes().intersects(LobeMask::GLOSSY) || scene.near_lights.reach(si.p));
+        let share = if own_rays { 1.0 } else { gather_rays as f32 / shadow_rays as f32 };
         let direct: Rgb = sampler
             .split(shadow_rays)
             .map(|mut s| {
@@ -165,7 +165,7 @@ impl PhotonMapper<'_> {
             })
             .sum();
         let mut sum = direct / shadow_rays as f32;
-        if narrow {
+        if own_rays {
             let met: Rgb = sampler
                 .split(shadow_rays)
                 .filter_map(|mut s| sample_lobe_light(scene, si, bsdf, LobeMask::SMOOTH_WIDE, 1.0, &mut s, counters))

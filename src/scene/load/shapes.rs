@@ -188,7 +188,7 @@ impl ShapeDesc<'_> {
                 // The mean of three equal lengths; equal is checked to 1e-4.
                 let radius = DMat3::from_mat4(*m).determinant().abs().cbrt();
                 let center = m.w_axis.truncate().as_vec3();
-                Shape::Sphere(Sphere { center, radius: radius as f32, flip_normals, to_world })
+                Shape::Sphere(Sphere { center, radius: radius as f32, flip_normals, uv: true, to_world })
             }
             Source::Disk { flip_normals } => Shape::Disk(Disk { to_world, flip_normals }),
             Source::Cylinder { flip_normals } => Shape::Cylinder(Cylinder {

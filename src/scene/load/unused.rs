@@ -91,12 +91,19 @@ impl<'d> Loader<'d> {
     /// Drops texture coordinates and normals that nothing on the shape depends on, or that somebody wants to go; the bytes
     /// that were saved.
     pub(super) fn strip(&self, shape: &mut Shape, material: MaterialId, emitter: Option<&'d Child>) -> usize {
-        let Shape::Mesh(mesh) = shape else { return 0 };
-        let Some(mesh) = Arc::get_mut(mesh) else { return 0 };
-        let before = mesh.memory();
         let textured =
             |e: &Child| self.doc.node(e.node).children.iter().any(|c| self.doc.node(c.node).tag == Tag::Texture);
         let used = || survey(&self.materials, &self.textures, material).uv || emitter.is_some_and(textured);
+        let mesh = match shape {
+            Shape::Mesh(mesh) => mesh,
+            Shape::Sphere(sphere) => {
+                sphere.uv = self.keep.uv.unwrap_or_else(used);
+                return 0;
+            }
+            Shape::Disk(_) | Shape::Cylinder(_) => return 0,
+        };
+        let Some(mesh) = Arc::get_mut(mesh) else { return 0 };
+        let before = mesh.memory();
         if !self.keep.uv.unwrap_or_else(used) {
             mesh.uvs = None;
         }

@@ -15,7 +15,7 @@ use crate::accel::Accel;
 use crate::bsdf::{self, Material, MaterialId};
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Instance, Shape};
-use crate::light::{AreaLight, Light, LightContext, LightSelector};
+use crate::light::{AreaLight, Light, LightContext, LightSelector, NearLights};
 use crate::math::{Bounds3, Transform};
 use crate::texture::ColorParam;
 
@@ -135,6 +135,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     loader.forget(used);
     let context = LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere };
     let selector = LightSelector::new(lights.iter().map(|l| l.power(&context)));
+    let near_lights = NearLights::new(&lights, &context);
 
     let nested = Nested::of(&loader.materials, &placed.materials, &geometry).map_err(|count| {
         SceneError::at(&doc.node(doc.root()).pos, format!("{count} different dielectrics have a priority"))
@@ -149,6 +150,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         lights,
         environment,
         selector,
+        near_lights,
         camera: sensor.camera,
         film: sensor.film,
         sampler: sensor.sampler,

@@ -31,8 +31,9 @@ pub fn cases() -> Vec<Case> {
 /// Methods that connect all vertices of two paths: the square of a path's length, 10⁶ connections at ρ = 0.999.
 const CONNECTING: &[&str] = &["bdpt", "vcm"];
 
-/// Methods for which a million bounces are too many: those, and the ones that shoot all their photons anew for each pass.
-const WITHOUT_MILLIONS: &[&str] = &["bdpt", "vcm", "ppm", "sppm"];
+/// Methods for which a million bounces are too many: those, and the ones that shoot all their photons anew for each pass
+/// or, as `ptracer`, eight paths for each sample.
+const WITHOUT_MILLIONS: &[&str] = &["bdpt", "vcm", "ppm", "sppm", "ptracer"];
 
 /// Everything that a closed diffuse room sends.
 const ROOM: Light = Light::SEEN;
@@ -69,6 +70,7 @@ fn furnace() -> Vec<Item> {
         of(0.999, 4, 1, 100).relative(0.1).limit(120.0).only(&["bdpt"]).into(),
         // A million bounces each: a few paths, and time rather than digits.
         of(0.999999, 2, 1, 200_000).relative(0.6).limit(240.0).except(WITHOUT_MILLIONS).into(),
+        of(0.999999, 1, 1, 1).relative(0.6).limit(240.0).only(&["ptracer"]).into(),
         of(0.999999, 2, 1, 8).relative(0.6).limit(240.0).only(&["sppm"]).into(),
     ]
 }

@@ -245,7 +245,7 @@ fn mirrors() -> Vec<Item> {
         let xml = scene(&[
             depth(-1),
             mesh("mirror.ply", &mirror()),
-            disc([0.0, 0.0, 0.5], 2e-4, false, &black()),
+            sphere([0.0, 0.0, 0.5], 2e-4, &black()),
             sun([0.0, 0.0, -1.0], 1.0),
         ]);
         let scene = own(&xml, &[("mirror.ply", paraboloid())], accel);

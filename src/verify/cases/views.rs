@@ -144,7 +144,8 @@ fn surfaces() -> Vec<Item> {
         )
     };
     let of = |what: &str, origin: V3, target: V3, more: String, truth: f64, light: Light| {
-        Probe::new(what, scene(&[depth(-1), camera(origin, target, 60.0, (8, 8)), room(), more]), truth, light)
+        // From a corner of the room the walls begin 35° off its diagonal.
+        Probe::new(what, scene(&[depth(-1), camera(origin, target, 40.0, (8, 8)), room(), more]), truth, light)
             .spp(32)
             .bias(0.025)
     };
@@ -153,7 +154,7 @@ fn surfaces() -> Vec<Item> {
         // A point light on a black wall: the opposite side gets I cos⁴/d².
         scene(&[
             depth(-1),
-            parallel_camera([0.0, 0.0, 0.5], [0.0; 3], 1e-3, 4),
+            parallel_camera([0.0, 0.0, 0.5], [0.0; 3], 1e-4, 4),
             square([0.0; 3], 1.0, [0.0, 0.0, 1.0], &diffuse(1.0)),
             square([0.0, 0.0, 1.0], 1.0, [0.0, 0.0, -1.0], &black()),
             point_light([0.0, 0.0, z], PI),
@@ -227,19 +228,18 @@ fn deltas() -> Vec<Item> {
         point_light([0.0, 0.0, h], PI),
     ]);
     let light = Light::DIRECT | Light::POINT_CAUSTIC;
+    let truth = direct + image;
+    let image =
+        |xml: String| Probe::new("light and its image", xml, truth, light).bias(0.01).relative(0.02).limit(60.0);
     let dark = |what: &str, pieces: &[String]| {
         let mut all = vec![depth(-1), eye()];
         all.extend_from_slice(pieces);
         Probe::new(what, scene(&all), 0.0, Light::NONE).spp(16).photons(200).fast()
     };
     vec![
-        Probe::new("light and its image", mirrored, direct + image, light)
-            .except(&["ptracer"])
-            .photons(20_000)
-            .bias(0.01)
-            .relative(0.02)
-            .limit(60.0)
-            .into(),
+        // Of the paths of light without density estimation one in ten thousand meets the view.
+        image(mirrored.clone()).except(&["ptracer", "bdpt", "vcm"]).photons(20_000).into(),
+        image(mirrored).only(&["bdpt", "vcm"]).spp(8192).photons(200).relative(0.1).into(),
         dark(
             "point light, mirror",
             &[square([0.0; 3], 1.0, [0.0, 0.0, 1.0], &mirror()), point_light([0.0, 0.0, 1.0], 1.0)],
