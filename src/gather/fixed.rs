@@ -29,6 +29,11 @@ impl RadiusMap {
         (!map.is_empty()).then_some(Self { map, kernel })
     }
 
+    /// How a photon's power is spread over the disc.
+    pub fn kernel(&self) -> Kernel {
+        self.kernel
+    }
+
     pub fn memory(&self) -> usize {
         self.map.memory()
     }

@@ -54,6 +54,16 @@ impl Kernel {
         if d_sq < r_sq { self.weight(d_sq, r_sq) } else { 0.0 }
     }
 
+    /// Where in the disc to look: `s = d²/r²` from a uniform number, with a weight proportional to the kernel over the density
+    /// of `s`.
+    #[inline]
+    pub fn radial(self, u: f32) -> (f32, f32) {
+        match self {
+            Self::Epanechnikov => (1.0 - (1.0 - u).sqrt(), 1.0),
+            _ => (u, PI * self.weight(u, 1.0)),
+        }
+    }
+
     /// `∫ K² dA · π r²`, the variance of an estimate relative to that of the disc: 1 for the disc.
     pub fn roughness(self) -> f32 {
         match self {

@@ -269,6 +269,7 @@ fn sppm(scene: &Scene, own: bool, photons: Option<u64>) -> SppmSettings {
         clamp: (0.5, 4.0),
         radius_floor: float("radius_floor").unwrap_or(0.0),
         shared_statistics: s.boolean("shared_statistics").filter(|_| own).unwrap_or(false),
+        boundary_correction: s.boolean("boundary_correction").filter(|_| own).unwrap_or(true),
         caustics: true,
         indirect: true,
         guided_emission: true,

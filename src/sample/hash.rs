@@ -24,6 +24,8 @@ pub enum Purpose {
     LightPath = 10,
     /// Rays that find where lights cast shadows.
     Shadow = 11,
+    /// Rays that find where surfaces end.
+    Boundary = 12,
 }
 
 /// A bijective 64-bit mixer with full avalanche (the finaliser of SplitMix64 [Steele et al. 2014]).

@@ -1,7 +1,7 @@
 use glam::Vec2;
 use rand::rand_core::{Infallible, TryRng};
 
-use super::{Key, hash_u64, sobol};
+use super::{Key, Purpose, hash_u64, sobol};
 
 /// Which point set a [`Sampler`] draws from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -66,6 +66,12 @@ impl Sampler {
         (0..count as u64).map(move |i| Self::new(sequence, Key(key), first + i))
     }
 
+    /// As [`Sampler::split`] for numbers that are used besides, for `purpose`: the stream itself stays where it is.
+    #[inline]
+    pub fn aside(&self, purpose: Purpose, count: u32) -> impl Iterator<Item = Self> + use<> {
+        Self { key: hash_u64(self.key, !(purpose as u64)), ..*self }.split(count)
+    }
+
     #[inline(always)]
     fn next_hash(&mut self) -> u64 {
         let hash = hash_u64(self.key, self.dim as u64);
@@ -111,7 +117,6 @@ impl TryRng for Sampler {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::Purpose;
     use rand::RngExt;
 
     #[test]

@@ -5,7 +5,7 @@ use std::ops::AddAssign;
 /// What was counted while an image was rendered. Sums commute, so threads may add them in any order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Counters {
-    /// Closest-hit queries of camera paths and gather rays.
+    /// Closest-hit queries of camera paths, gather rays and probes for where surfaces end.
     pub camera_rays: u64,
     /// Any-hit queries.
     pub shadow_rays: u64,

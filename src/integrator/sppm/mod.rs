@@ -12,6 +12,10 @@
 //! | `L S⁺ D S* E` | caustic photons at D |
 //! | `L (S\|D)* D S* D S* E` | indirect photons at the last D |
 //!
+//! Where a surface ends inside of the disc of an estimate, `boundary_correction` divides by the share of the disc that is
+//! surface ([`Patch::share`]), at the first point of a camera path where photons are read. Which pixels that concerns the
+//! pilot finds ([`Clearing`](crate::gather::Clearing)); the others' bits do not change.
+//!
 //! Under a depth limit the photons' paths are as long as fits a camera path of one edge; what the camera sees through
 //! specular surfaces may then be longer by the edges of that chain.
 
@@ -25,7 +29,7 @@ use super::lobe_walk::LobeWalk;
 use super::{CameraSample, Integrator, MaxDepth};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
-use crate::gather::{RadiusMap, sample_direct, sample_lobe_light};
+use crate::gather::{Patch, RadiusMap, sample_direct, sample_lobe_light};
 use crate::geometry::SurfaceInteraction;
 use crate::sample::{Sampler, Sequence};
 use crate::scene::Scene;
@@ -55,6 +59,8 @@ pub struct SppmSettings {
     /// Radii by the photons that each pixel has found [Hachisuka and Jensen 2009] rather than by the pass's number: passes
     /// then depend on those before.
     pub shared_statistics: bool,
+    /// Divide estimates by the share of their disc that is surface, where surfaces end.
+    pub boundary_correction: bool,
     /// Shoot caustic photons.
     pub caustics: bool,
     /// Shoot indirect photons.
@@ -128,9 +134,11 @@ impl Integrator for Sppm<'_> {
         let pixel = self.radii.index(sample.pixel);
         let s = &self.settings;
         let walk = LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters };
+        let mut first = s.boundary_correction;
         walk.radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
+            let ends = std::mem::take(&mut first).then_some((scene, *sampler));
             let direct = self.direct(scene, at.si, at.bsdf, sampler, counters);
-            direct + self.photons(pixel, at.si, at.bsdf, counters)
+            direct + self.photons(pixel, at.si, at.bsdf, ends, counters)
         })
     }
 }
@@ -157,9 +165,16 @@ impl Sppm<'_> {
         sum
     }
 
-    /// Light that photons have brought.
+    /// Light that photons have brought; with `ends`, corrected where the surface ends.
     #[inline]
-    fn photons(&self, pixel: usize, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> Rgb {
+    fn photons(
+        &self,
+        pixel: usize,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        ends: Option<(&Scene, Sampler)>,
+        counters: &mut Counters,
+    ) -> Rgb {
         let radii = self.radii.pixel(pixel);
         let mut sum = Rgb::BLACK;
         for kind in 0..KINDS {
@@ -168,7 +183,16 @@ impl Sppm<'_> {
                 None => radii.first_sq[kind] * self.shrink,
                 Some((shared, _)) => shared.pixels[pixel][kind].radius_sq,
             };
-            let estimate = map.estimate(si, bsdf, r_sq.max(radii.floor_sq), counters);
+            let r_sq = r_sq.max(radii.floor_sq);
+            let mut estimate = map.estimate(si, bsdf, r_sq, counters);
+            if let Some((scene, sampler)) = &ends
+                && estimate.count > 0
+                && let clearing = self.radii.clearing(pixel)
+                && !clearing.holds(si.p, r_sq.sqrt())
+            {
+                let share = Patch::new(scene, si, clearing.solids).share(map.kernel(), r_sq, sampler, counters);
+                estimate.radiance = estimate.radiance / share;
+            }
             sum += estimate.radiance;
             if let Some((_, found)) = self.shared {
                 found.add(pixel, kind, estimate.count);

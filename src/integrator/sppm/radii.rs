@@ -7,10 +7,12 @@ use rayon::prelude::*;
 use super::{PassMaps, SharedRadius, SppmSettings};
 use crate::bsdf::{LobeMask, Mode};
 use crate::camera::{CameraRay, FilmWindow};
+use crate::gather::{Clearing, Patch};
 use crate::geometry::SurfaceInteraction;
 use crate::math::Vec2;
 use crate::sample::{Key, Purpose, Sampler};
 use crate::scene::Scene;
+use crate::tally::Counters;
 
 /// Kinds of photons that have radii of their own: caustic and indirect.
 pub const KINDS: usize = 2;
@@ -32,6 +34,8 @@ pub struct PixelRadii {
 pub struct Radii {
     window: FilmWindow,
     pixels: Vec<PixelRadii>,
+    /// How far surfaces go on around what the middle of each pixel sees; empty where nobody asks.
+    clearings: Vec<Clearing>,
 }
 
 impl Radii {
@@ -41,17 +45,25 @@ impl Radii {
         let window = scene.camera.window();
         let (w, h) = window.crop_size;
         let key = Key::new(seed, Purpose::Pilot, PIXELS);
-        let seen: Vec<Option<PixelRadii>> = (0..w as usize * h as usize)
+        let seen: Vec<Option<(PixelRadii, Clearing)>> = (0..w as usize * h as usize)
             .into_par_iter()
             .map(|i| {
                 let (x, y) = (i as u32 % w + window.crop_offset.0, i as u32 / w + window.crop_offset.1);
                 let mut sampler = Sampler::new(scene.sampler.sequence, key.with(((y as u64) << 32) | x as u64), 0);
                 let camera_ray = scene.camera_ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), Vec2::splat(0.5));
                 let (si, distance) = visible_point(scene, &camera_ray, &mut sampler)?;
-                Some(pixel_radii(settings, pilot, &si, footprint(&camera_ray, distance), scene.bounding_sphere().1))
+                let footprint = footprint(&camera_ray, distance);
+                let radii = pixel_radii(settings, pilot, &si, footprint, scene.bounding_sphere().1);
+                if !settings.boundary_correction {
+                    return Some((radii, Clearing::UNKNOWN));
+                }
+                Some((radii, clearing(scene, pilot, &si, &radii, footprint)))
             })
             .collect();
-        Self { window, pixels: fill_gaps(seen, w as usize, scene.bounding_sphere().1) }
+        let known = if settings.boundary_correction { &seen[..] } else { &[] };
+        let clearings = known.iter().map(|s| s.map_or(Clearing::UNKNOWN, |(_, clearing)| clearing)).collect();
+        let radii = seen.iter().map(|s| s.map(|(radii, _)| radii)).collect();
+        Self { window, pixels: fill_gaps(radii, w as usize, scene.bounding_sphere().1), clearings }
     }
 
     /// The index of a pixel given in coordinates of the whole film.
@@ -65,6 +77,12 @@ impl Radii {
     #[inline]
     pub fn pixel(&self, index: usize) -> &PixelRadii {
         &self.pixels[index]
+    }
+
+    /// How far the surface that a pixel sees goes on, by the pixel's index.
+    #[inline]
+    pub fn clearing(&self, index: usize) -> &Clearing {
+        self.clearings.get(index).unwrap_or(&Clearing::UNKNOWN)
     }
 
     pub fn len(&self) -> usize {
@@ -134,6 +152,20 @@ fn pixel_radii(
     };
     PixelRadii { first_sq: std::array::from_fn(|kind| scale_sq * measured(kind)), floor_sq }
 }
+
+/// How far the surface goes on around what the middle of a pixel sees, as far as any sample of the pixel may look.
+fn clearing(scene: &Scene, pilot: &PassMaps, si: &SurfaceInteraction, radii: &PixelRadii, footprint: f32) -> Clearing {
+    // Of kinds of photons that the pilot has not found there are none; without a pilot the radii are given.
+    let any = (0..KINDS).any(|kind| pilot.kind(kind).is_some());
+    let asked = (0..KINDS).filter(|&kind| !any || pilot.kind(kind).is_some());
+    let widest_sq = asked.map(|kind| radii.first_sq[kind]).fold(radii.floor_sq, f32::max);
+    // Samples fall half a diagonal beside the middle, and further where the surface is seen aslant.
+    let aslant = si.wo.dot(si.ng).abs().max(LEAST_COS);
+    Patch::new(scene, si, true).clearing(widest_sq.sqrt() + footprint / aslant, &mut Counters::default())
+}
+
+/// The cosine under which a surface is no longer followed as far as a pixel sees of it.
+const LEAST_COS: f32 = 0.2;
 
 /// The kind of photons that have come through specular surfaces alone.
 const CAUSTIC: usize = 0;

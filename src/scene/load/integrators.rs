@@ -101,6 +101,7 @@ const PROGRESSIVE: Params = &[
     ("lookup_size", Count),
     ("radius_floor", Length),
     ("shared_statistics", Switch),
+    ("boundary_correction", Switch),
 ];
 
 /// Integrators of Mitsuba that are known and not here.
