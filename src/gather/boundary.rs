@@ -89,7 +89,7 @@ impl<'a> Patch<'a> {
 
     /// The share of the disc of squared radius `r_sq`, weighted by `kernel`, where photons can lie; at most 1.
     ///
-    /// `∫ K dA` over the surface is estimated by [`PROBES`] probes, twice as many where little of the disc is left: where one
+    /// `∫ K dA` over the surface is estimated by eight probes, twice as many where little of the disc is left: where one
     /// meets the surface at distance d and tilted by θ, it counts `K(d) / (K(ρ) cos θ)`, with ρ the distance in the tangent
     /// plane, so that curved surfaces have the share that they have. Dividing by it is biased as every quotient of estimates,
     /// by the probes' relative variance, on discs that reach over an edge; with the radius these become few. The numbers are
