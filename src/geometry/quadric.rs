@@ -107,7 +107,8 @@ impl Sphere {
         }
         let (o, d) = (ray.o.as_dvec3() - self.center.as_dvec3(), ray.d.as_dvec3());
         let r = self.radius as f64;
-        // Measure the miss distance at the closest approach instead of subtracting large squares.
+        // Measure the miss distance at the closest approach: `b² − ac` would subtract large products. The squares of f32
+        // lengths that are subtracted here keep 29 bits more than t.
         let a = d.length_squared();
         let b = -o.dot(d);
         let miss_sq = (o + d * (b / a)).length_squared();

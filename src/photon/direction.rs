@@ -37,7 +37,7 @@ pub fn encode(d: Vec3) -> [u8; 2] {
     [theta.min(255.0) as u8, ((phi + 256.0) as i32 & 255) as u8]
 }
 
-/// Arc cosine within 3·10⁻⁷ [Abramowitz and Stegun 1964, 4.4.46]: as good as the library's for cells of 0.7°, and inline.
+/// Arc cosine within 10⁻⁶ [Abramowitz and Stegun 1964, 4.4.46]: as good as the library's for cells of 0.7°, and inline.
 #[inline]
 fn acos(x: f32) -> f32 {
     const A: [f32; 8] = [
@@ -55,7 +55,7 @@ fn acos(x: f32) -> f32 {
     if x < 0.0 { PI - arc } else { arc }
 }
 
-/// Angle of a point around the origin, in −π..π and within 4·10⁻⁷, 0 at the origin [Abramowitz and Stegun 1964, 4.4.49].
+/// Angle of a point around the origin, in −π..π and within 10⁻⁶, 0 at the origin [Abramowitz and Stegun 1964, 4.4.49].
 #[inline]
 fn atan2(y: f32, x: f32) -> f32 {
     const A: [f32; 9] = [

@@ -139,7 +139,9 @@ fn vessels() -> Vec<Item> {
 fn same_picture(what: &'static str, method: &'static str, nested: String, explicit: String) -> Item {
     let check = Check::new(format!("{what}, {method}"), method, move |accel, seeds| {
         let scenes = [&nested, &explicit].map(|xml| load(xml, &[], accel).expect("the program's own scene"));
-        let ratios = (1..=seeds.clamp(2, 4)).map(|seed| {
+        // Where roundings change which photons are found, four seeds know their own spread badly.
+        let seeds = if method == "photonmapper" { seeds.max(2) } else { seeds.clamp(2, 4) };
+        let ratios = (1..=seeds).map(|seed| {
             let spp = if method == "sppm" { 2 } else { 16 };
             let [a, b] = [0, 1].map(|i| mean(&render_once(&scenes[i], method, spp, 3000, seed, None).image));
             a / b
@@ -147,8 +149,6 @@ fn same_picture(what: &'static str, method: &'static str, nested: String, explic
         Outcome::estimates(1.0, ratios)
     })
     .statistical(0.005)
-    // Four seeds know their own spread badly.
-    .absolute(0.002)
     .once();
     // Density estimates take their time.
     if matches!(method, "photonmapper" | "sppm") { check.slow().into() } else { check.into() }
