@@ -1,160 +1,111 @@
-//! A binary tree by binned SAH [Wald 2007, "On fast Construction of SAH-based Bounding Volume Hierarchies"].
+//! Splits ranges of references by binned SAH [Wald 2007, "On fast Construction of SAH-based Bounding Volume Hierarchies"].
 //!
-//! The tree is the same for any number of threads: work is cut by size, and merging boxes and counts is exact.
+//! The splits are the same for any number of threads: work is cut by size, and merging boxes and counts is exact.
 
+use arrayvec::ArrayVec;
 use glam::{Vec3Swizzles, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
-use super::pages::Pages;
-use super::wide::LANES;
+use super::simd;
+use super::wide::{LANES, WIDTH};
 use crate::math::Bounds3;
 
 /// Bins per axis.
 const BINS: usize = 32;
+/// The bits of a bin.
+const MASK: u32 = BINS as u32 - 1;
 /// Deeper than any sensible tree: from here on ranges are halved, so that recursion stays bounded.
 const MAX_SAH_DEPTH: u32 = 96;
-/// Ranges longer than this are split by two tasks.
-const PARALLEL_SPLIT: usize = 4096;
 /// Ranges longer than this take the box of their centroids from their own box, which saves a pass.
 const LOOSE: usize = 256;
 /// Ranges longer than this are binned and partitioned in parallel.
-const PARALLEL_SWEEP: usize = 1 << 17;
+const PARALLEL_SWEEP: usize = 1 << 15;
+/// References that one task of a parallel sweep takes.
+const CHUNK: usize = PARALLEL_SWEEP / 4;
+
+/// Eight floats: lower corner, a free lane, negated upper corner, a free lane. Uniting two boxes is one minimum, and the
+/// free lanes may hold anything.
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C, align(32))]
+pub(super) struct Box8(pub [f32; 8]);
+
+impl Box8 {
+    pub const EMPTY: Self = Self([f32::INFINITY; 8]);
+
+    #[inline(always)]
+    pub fn grow(&mut self, o: &Self) {
+        let (lower, upper) = (self.lower().min(o.lower()), self.negated_upper().min(o.negated_upper()));
+        lower.write_to_slice(&mut self.0[..4]);
+        upper.write_to_slice(&mut self.0[4..]);
+    }
+
+    #[inline(always)]
+    fn lower(&self) -> Vec4 {
+        Vec4::from_slice(&self.0)
+    }
+
+    #[inline(always)]
+    fn negated_upper(&self) -> Vec4 {
+        Vec4::from_slice(&self.0[4..])
+    }
+
+    #[inline(always)]
+    pub fn half_area(&self) -> f32 {
+        let e = -(self.lower() + self.negated_upper()).xyz();
+        e.dot(e.yzx())
+    }
+
+    pub fn bounds(&self) -> Bounds3 {
+        Bounds3::new(self.lower().xyz(), -self.negated_upper().xyz())
+    }
+}
+
+/// How to unite boxes, for code that is compiled for several instruction sets.
+pub(super) trait Union {
+    fn grow(a: &mut Box8, b: &Box8);
+}
+
+/// For every processor.
+pub(super) struct Portable;
+
+impl Union for Portable {
+    #[inline(always)]
+    fn grow(a: &mut Box8, b: &Box8) {
+        a.grow(b);
+    }
+}
 
 /// A box with the identity of what is inside.
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub(super) struct PrimRef {
-    /// Lower corner; w holds the bits of the id.
-    lo: Vec4,
-    /// Upper corner; w holds the bits of the kind.
-    hi: Vec4,
-}
+#[repr(transparent)]
+pub(super) struct PrimRef(Box8);
 
 impl PrimRef {
+    #[inline(always)]
     pub fn new(b: Bounds3, id: u32, kind: u32) -> Self {
-        Self { lo: b.min.extend(f32::from_bits(id)), hi: b.max.extend(f32::from_bits(kind)) }
+        let (lo, hi) = (b.min, -b.max);
+        Self(Box8([lo.x, lo.y, lo.z, f32::from_bits(id), hi.x, hi.y, hi.z, f32::from_bits(kind)]))
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn id(&self) -> u32 {
-        self.lo.w.to_bits()
+        self.0.0[3].to_bits()
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn kind(&self) -> u32 {
-        self.hi.w.to_bits()
+        self.0.0[7].to_bits()
     }
-
-    pub fn bounds(&self) -> Bounds3 {
-        Bounds3::new(self.lo.xyz(), self.hi.xyz())
-    }
-}
-
-/// A node of the binary tree. The subtree over `n` references owns `2n − 1` consecutive slots and starts at its root;
-/// the left child follows its parent, the right child follows the slots of the left one.
-#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C)]
-pub(super) struct Node2 {
-    lo: Vec4,
-    hi: Vec4,
-}
-
-impl Node2 {
-    fn new(b: &Box4, offset: u32, count: u32) -> Self {
-        Self { lo: b.lo.xyz().extend(f32::from_bits(offset)), hi: b.hi.xyz().extend(f32::from_bits(count)) }
-    }
-
-    #[inline]
-    pub fn bounds(&self) -> Bounds3 {
-        Bounds3::new(self.lo.xyz(), self.hi.xyz())
-    }
-
-    #[inline]
-    pub fn half_area(&self) -> f32 {
-        half_area(self.lo, self.hi)
-    }
-
-    /// First reference of a leaf, or distance to the right child.
-    #[inline]
-    pub fn offset(&self) -> usize {
-        self.lo.w.to_bits() as usize
-    }
-
-    /// References of a leaf; 0 for an inner node.
-    #[inline]
-    pub fn count(&self) -> usize {
-        self.hi.w.to_bits() as usize
-    }
-}
-
-#[inline(always)]
-fn half_area(lo: Vec4, hi: Vec4) -> f32 {
-    let e = (hi - lo).xyz();
-    e.dot(e.yzx())
-}
-
-/// A box in vector registers; w is not used.
-#[derive(Clone, Copy)]
-struct Box4 {
-    lo: Vec4,
-    hi: Vec4,
-}
-
-impl Box4 {
-    const EMPTY: Self = Self { lo: Vec4::INFINITY, hi: Vec4::NEG_INFINITY };
 
     #[inline(always)]
-    fn grow(&mut self, lo: Vec4, hi: Vec4) {
-        self.lo = self.lo.min(lo);
-        self.hi = self.hi.max(hi);
+    pub fn bounds(&self) -> &Box8 {
+        &self.0
     }
-}
 
-/// What the builder needs to know of a range: the box, and the box of the doubled centroids.
-#[derive(Clone, Copy)]
-struct RangeInfo {
-    bounds: Box4,
-    centroids: Box4,
-    /// False when `centroids` may be larger than it has to be.
-    exact: bool,
-}
-
-impl RangeInfo {
-    const EMPTY: Self = Self { bounds: Box4::EMPTY, centroids: Box4::EMPTY, exact: true };
-
+    /// Twice the centre of the box; the last lane is undefined.
     #[inline(always)]
-    fn add(&mut self, r: &PrimRef) {
-        self.bounds.grow(r.lo, r.hi);
-        let c = r.lo + r.hi;
-        self.centroids.grow(c, c);
-    }
-
-    fn merge(mut self, o: Self) -> Self {
-        self.bounds.grow(o.bounds.lo, o.bounds.hi);
-        self.centroids.grow(o.centroids.lo, o.centroids.hi);
-        self
-    }
-
-    /// The range in a known box; long ranges are not read.
-    fn within(refs: &[PrimRef], bounds: Box4) -> Self {
-        if refs.len() <= LOOSE {
-            return Self::of(refs);
-        }
-        let centroids = Box4 { lo: bounds.lo + bounds.lo, hi: bounds.hi + bounds.hi };
-        Self { bounds, centroids, exact: false }
-    }
-
-    fn of(refs: &[PrimRef]) -> Self {
-        let sweep = |refs: &[PrimRef]| {
-            let mut info = Self::EMPTY;
-            refs.iter().for_each(|r| info.add(r));
-            info
-        };
-        if refs.len() <= PARALLEL_SWEEP {
-            sweep(refs)
-        } else {
-            refs.par_chunks(PARALLEL_SWEEP / 4).map(sweep).reduce(|| Self::EMPTY, Self::merge)
-        }
+    fn centroid(&self) -> Vec4 {
+        self.0.lower() - self.0.negated_upper()
     }
 }
 
@@ -170,7 +121,7 @@ pub(super) struct Cost {
 }
 
 impl Cost {
-    #[inline]
+    #[inline(always)]
     fn leaf(&self, n: usize) -> f32 {
         n.div_ceil(LANES) as f32 * self.block
     }
@@ -178,7 +129,7 @@ impl Cost {
 
 /// Maps centroids to bins on all three axes at once.
 #[derive(Clone, Copy)]
-struct Binning {
+pub(super) struct Binning {
     origin: Vec4,
     scale: Vec4,
     /// Bins in use: few for short ranges, where sweeping over bins would cost more than filling them.
@@ -186,224 +137,304 @@ struct Binning {
 }
 
 impl Binning {
-    fn new(c: &Box4, refs: usize) -> Self {
+    /// For centroids, doubled, that lie between two corners.
+    fn new(lower: Vec4, upper: Vec4, refs: usize) -> Self {
         let bins = (6 + refs / 16).min(BINS);
-        let extent = c.hi - c.lo;
+        let extent = upper - lower;
         // A flat axis gets scale 0 and all its centroids fall into bin 0.
         let scale = |e: f32| if e > 0.0 && (bins as f32 / e).is_finite() { bins as f32 * 0.9999 / e } else { 0.0 };
-        Self { origin: c.lo, scale: Vec4::new(scale(extent.x), scale(extent.y), scale(extent.z), 0.0), bins }
+        Self { origin: lower, scale: Vec4::new(scale(extent.x), scale(extent.y), scale(extent.z), 0.0), bins }
+    }
+
+    /// Reads the centroids.
+    fn exact(refs: &[PrimRef]) -> Self {
+        let (mut lower, mut upper) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
+        for r in refs {
+            let c = r.centroid();
+            (lower, upper) = (lower.min(c), upper.max(c));
+        }
+        Self::new(lower, upper, refs.len())
+    }
+
+    /// Takes the box of the centroids to be as large as the box of the references.
+    fn loose(bounds: &Box8, refs: usize) -> Self {
+        let (lower, upper) = (bounds.lower(), -bounds.negated_upper());
+        Self::new(lower + lower, upper + upper, refs)
     }
 
     #[inline(always)]
     fn bins(&self, r: &PrimRef) -> [usize; 3] {
         // Adding 2²³ leaves the integer part in the low bits of the mantissa.
-        let x = ((r.lo + r.hi) - self.origin) * self.scale - Vec4::splat(0.5);
+        let x = (r.centroid() - self.origin) * self.scale - Vec4::splat(0.5);
         let x = x.max(Vec4::ZERO) + Vec4::splat(8_388_608.0);
-        let bin = |x: f32| (x.to_bits() & (BINS as u32 - 1)) as usize;
-        [bin(x.x), bin(x.y), bin(x.z)]
+        [(x.x.to_bits() & MASK) as usize, (x.y.to_bits() & MASK) as usize, (x.z.to_bits() & MASK) as usize]
+    }
+
+    /// The bin on one axis, by the same operations.
+    #[inline(always)]
+    fn bin(&self, r: &PrimRef, axis: usize) -> usize {
+        let x = (r.0.0[axis] - r.0.0[axis + 4] - self.origin[axis]) * self.scale[axis] - 0.5;
+        let x = x.max(0.0) + 8_388_608.0;
+        (x.to_bits() & MASK) as usize
     }
 }
 
+/// References in each bin of each axis.
+type Counts = [[u32; BINS]; 3];
+
 /// Boxes and counts of all bins; only the first `used` of each axis are valid.
-struct Bins {
-    boxes: [[Box4; BINS]; 3],
-    counts: [[u32; BINS]; 3],
+pub(super) struct Bins {
+    boxes: [[Box8; BINS]; 3],
+    counts: Counts,
     used: usize,
 }
 
-impl Bins {
-    const EMPTY: Self = Self { boxes: [[Box4::EMPTY; BINS]; 3], counts: [[0; BINS]; 3], used: 0 };
+/// Where a range is parted, and what lies on either side.
+struct Plane {
+    /// Cost times area.
+    cost: f32,
+    axis: usize,
+    /// First bin on the right.
+    bin: usize,
+    /// References on the left.
+    left: usize,
+    sides: [Box8; 2],
+}
 
-    fn fill(&mut self, refs: &[PrimRef], map: &Binning) {
-        if refs.len() > PARALLEL_SWEEP {
-            let part = |c: &[PrimRef]| {
-                let mut b = Self::EMPTY;
-                b.fill(c, map);
-                b
-            };
-            let chunks = refs.par_chunks(PARALLEL_SWEEP / 4).map(part);
-            *self = chunks.reduce_with(Self::merge).expect("the range is not empty");
-            return;
-        }
+impl Bins {
+    pub const EMPTY: Self = Self { boxes: [[Box8::EMPTY; BINS]; 3], counts: [[0; BINS]; 3], used: 0 };
+
+    /// Replaces the contents; inlined into one function for each instruction set.
+    #[inline(always)]
+    pub fn fill<U: Union>(&mut self, refs: &[PrimRef], map: &Binning) {
         self.used = map.bins;
         for axis in 0..3 {
-            self.boxes[axis][..map.bins].fill(Box4::EMPTY);
+            self.boxes[axis][..map.bins].fill(Box8::EMPTY);
             self.counts[axis][..map.bins].fill(0);
         }
         for r in refs {
             let [x, y, z] = map.bins(r);
-            self.boxes[0][x].grow(r.lo, r.hi);
-            self.boxes[1][y].grow(r.lo, r.hi);
-            self.boxes[2][z].grow(r.lo, r.hi);
+            U::grow(&mut self.boxes[0][x], &r.0);
+            U::grow(&mut self.boxes[1][y], &r.0);
+            U::grow(&mut self.boxes[2][z], &r.0);
             self.counts[0][x] += 1;
             self.counts[1][y] += 1;
             self.counts[2][z] += 1;
         }
     }
 
-    fn merge(mut self, o: Self) -> Self {
+    /// The same for long ranges; also returns the counts of each chunk.
+    fn fill_parallel(&mut self, refs: &[PrimRef], map: &Binning) -> Vec<Counts> {
+        let part = |chunk: &[PrimRef]| {
+            let mut bins = Self::EMPTY;
+            simd::fill_bins(&mut bins, chunk, map);
+            bins
+        };
+        *self = Self { used: map.bins, ..Self::EMPTY };
+        let mut counts = Vec::with_capacity(refs.len().div_ceil(CHUNK));
+        // In groups, as the bins of a chunk take more room than its share of the references.
+        for group in refs.chunks(64 * CHUNK) {
+            let parts: Vec<Self> = group.par_chunks(CHUNK).map(part).collect();
+            parts.iter().for_each(|p| self.merge(p));
+            counts.extend(parts.iter().map(|p| p.counts));
+        }
+        counts
+    }
+
+    fn merge(&mut self, o: &Self) {
         for axis in 0..3 {
             for i in 0..self.used {
-                self.boxes[axis][i].grow(o.boxes[axis][i].lo, o.boxes[axis][i].hi);
+                self.boxes[axis][i].grow(&o.boxes[axis][i]);
                 self.counts[axis][i] += o.counts[axis][i];
             }
         }
-        self
     }
 
-    /// The boxes on both sides of a plane.
-    fn sides(&self, axis: usize, bin: usize) -> [Box4; 2] {
-        let union = |boxes: &[Box4]| {
-            let mut b = Box4::EMPTY;
-            boxes.iter().for_each(|x| b.grow(x.lo, x.hi));
-            b
-        };
-        let (left, right) = self.boxes[axis][..self.used].split_at(bin);
-        [union(left), union(right)]
-    }
-
-    /// The cheapest plane: `(cost × area, axis, first bin on the right)`.
-    fn best(&self, cost: &Cost) -> Option<(f32, usize, usize)> {
-        let mut best: Option<(f32, usize, usize)> = None;
+    /// The cheapest plane; inlined into one function for each instruction set.
+    #[inline(always)]
+    pub fn best<U: Union>(&self, cost: &Cost) -> Option<(f32, usize, usize)> {
+        let mut best = (f32::INFINITY, 3, 0);
         for axis in 0..3 {
+            let (boxes, counts) = (&self.boxes[axis][..self.used], &self.counts[axis][..self.used]);
             // Sweep from the right, then from the left.
             let mut right = [0f32; BINS];
-            let (mut b, mut n) = (Box4::EMPTY, 0);
+            let (mut b, mut n) = (Box8::EMPTY, 0);
             for i in (1..self.used).rev() {
-                b.grow(self.boxes[axis][i].lo, self.boxes[axis][i].hi);
-                n += self.counts[axis][i] as usize;
-                right[i] = if n == 0 { f32::NAN } else { half_area(b.lo, b.hi) * cost.leaf(n) };
+                U::grow(&mut b, &boxes[i]);
+                n += counts[i] as usize;
+                right[i] = if n == 0 { f32::NAN } else { b.half_area() * cost.leaf(n) };
             }
-            let (mut b, mut n) = (Box4::EMPTY, 0);
-            for (i, &right) in right.iter().enumerate().take(self.used).skip(1) {
-                b.grow(self.boxes[axis][i - 1].lo, self.boxes[axis][i - 1].hi);
-                n += self.counts[axis][i - 1] as usize;
+            let (mut b, mut n) = (Box8::EMPTY, 0);
+            for i in 1..self.used {
+                U::grow(&mut b, &boxes[i - 1]);
+                n += counts[i - 1] as usize;
                 if n == 0 {
                     continue;
                 }
                 // An empty right side is NaN and never smaller.
-                let c = half_area(b.lo, b.hi) * cost.leaf(n) + right;
-                if c < best.map_or(f32::INFINITY, |b| b.0) {
-                    best = Some((c, axis, i));
+                let c = b.half_area() * cost.leaf(n) + right[i];
+                if c < best.0 {
+                    best = (c, axis, i);
                 }
             }
         }
-        best
+        (best.1 < 3).then_some(best)
     }
-}
 
-/// Builds the tree and reorders `refs` so that every leaf is a range of one kind.
-pub(super) fn build(refs: &mut [PrimRef], cost: &Cost) -> Pages<Node2> {
-    if refs.is_empty() {
-        return Pages::zeroed(0);
-    }
-    let mut nodes = Pages::<Node2>::zeroed(2 * refs.len() - 1);
-    let info = RangeInfo::of(refs);
-    let mut scratch = Pages::<PrimRef>::zeroed(refs.len());
-    let mut bins = Bins::EMPTY;
-    split(refs, &mut scratch, &mut nodes, 0, info, 0, cost, &mut bins);
-    nodes
-}
-
-#[allow(clippy::too_many_arguments)]
-fn split(
-    refs: &mut [PrimRef],
-    scratch: &mut [PrimRef],
-    nodes: &mut [Node2],
-    first: usize,
-    info: RangeInfo,
-    depth: u32,
-    cost: &Cost,
-    bins: &mut Bins,
-) {
-    let n = refs.len();
-    let same_kind = n <= cost.max_leaf && refs.iter().all(|r| r.kind() == refs[0].kind());
-    let fits = same_kind && (refs[0].kind() == 0 || n == 1);
-    let area = half_area(info.bounds.lo, info.bounds.hi);
-    // Where a step costs as much as a block, a single block is never worth splitting.
-    if n == 1 || fits && n <= LANES && cost.step >= cost.block {
-        nodes[0] = Node2::new(&info.bounds, first as u32, n as u32);
-        return;
-    }
-    // Find the cheapest plane and compare it with a leaf.
-    let mut map = Binning::new(&info.centroids, n);
-    bins.fill(refs, &map);
-    let mut plane = if depth < MAX_SAH_DEPTH { bins.best(cost) } else { None };
-    if plane.is_none() && !info.exact && depth < MAX_SAH_DEPTH {
-        // All centroids may have fallen into one bin.
-        map = Binning::new(&RangeInfo::of(refs).centroids, n);
-        bins.fill(refs, &map);
-        plane = bins.best(cost);
-    }
-    let split_cost = plane.map_or(f32::INFINITY, |p| p.0) + cost.step * area;
-    if fits && cost.leaf(n) * area <= split_cost {
-        nodes[0] = Node2::new(&info.bounds, first as u32, n as u32);
-        return;
-    }
-    // Part the range: by the plane, by kind where no leaf may be made, or in the middle.
-    let (mid, left, right) = match plane {
-        Some((_, axis, bin)) => {
-            let [left, right] = bins.sides(axis, bin);
-            let mid = partition(refs, scratch, |r| map.bins(r)[axis] < bin);
-            (mid, RangeInfo::within(&refs[..mid], left), RangeInfo::within(&refs[mid..], right))
+    fn plane(&self, cost: &Cost) -> Option<Plane> {
+        let (cost, axis, bin) = simd::best_plane(self, cost)?;
+        let mut sides = [Box8::EMPTY; 2];
+        for i in 0..self.used {
+            sides[usize::from(i >= bin)].grow(&self.boxes[axis][i]);
         }
-        None => {
-            refs.sort_unstable_by_key(|r| (r.kind(), r.id()));
-            let change = refs.iter().position(|r| r.kind() != refs[0].kind());
-            let mid = change.unwrap_or(n / 2);
-            (mid, RangeInfo::of(&refs[..mid]), RangeInfo::of(&refs[mid..]))
+        let left = self.counts[axis][..bin].iter().sum::<u32>() as usize;
+        Some(Plane { cost, axis, bin, left, sides })
+    }
+}
+
+/// A range of references on its way to become a leaf or a node.
+#[derive(Debug)]
+pub(super) struct Piece<'a> {
+    /// The references, and room for as many: parting a range moves it from one to the other.
+    pub refs: &'a mut [PrimRef],
+    pub spare: &'a mut [PrimRef],
+    /// True when `refs` lies where `spare` lay at first.
+    pub moved: bool,
+    /// True when it is not worth splitting.
+    pub leaf: bool,
+    /// How many times its references have been parted.
+    pub depth: u32,
+    /// Half the area of `bounds`.
+    pub area: f32,
+    pub bounds: Box8,
+}
+
+impl<'a> Piece<'a> {
+    /// A range that nobody has looked at; `spare` is as long as `refs`.
+    pub fn new(refs: &'a mut [PrimRef], spare: &'a mut [PrimRef], bounds: Box8, depth: u32) -> Self {
+        debug_assert_eq!(refs.len(), spare.len());
+        Self { leaf: refs.len() == 1, area: bounds.half_area(), refs, spare, moved: false, depth, bounds }
+    }
+
+    /// Parts the range in two; a range that had better be a leaf of one kind comes back as such.
+    fn split(mut self, cost: &Cost, bins: &mut Bins) -> Result<[Self; 2], Self> {
+        let n = self.refs.len();
+        let kind = self.refs[0].kind();
+        let fits = n == 1 || kind == 0 && n <= cost.max_leaf && self.refs.iter().all(|r| r.kind() == kind);
+        // Where a step costs as much as a block, a single block is never worth splitting.
+        if n == 1 || fits && n <= LANES && cost.step >= cost.block {
+            self.leaf = true;
+            return Err(self);
         }
-    };
-    nodes[0] = Node2::new(&info.bounds, 2 * mid as u32, 0);
-    let (rl, rr) = refs.split_at_mut(mid);
-    let (nl, nr) = nodes[1..].split_at_mut(2 * mid - 1);
-    let (sl, sr) = scratch.split_at_mut(mid);
-    if n > PARALLEL_SPLIT {
-        rayon::join(
-            || split(rl, sl, nl, first, left, depth + 1, cost, bins),
-            || {
-                let mut bins = Bins::EMPTY;
-                split(rr, sr, nr, first + mid, right, depth + 1, cost, &mut bins);
-            },
-        );
-    } else {
-        split(rl, sl, nl, first, left, depth + 1, cost, bins);
-        split(rr, sr, nr, first + mid, right, depth + 1, cost, bins);
+        // Find the cheapest plane and compare it with a leaf.
+        let loose = n > LOOSE;
+        let mut map = if loose { Binning::loose(&self.bounds, n) } else { Binning::exact(self.refs) };
+        let mut counts = Vec::new();
+        let mut search = |refs: &[PrimRef], map: &Binning| {
+            if n > PARALLEL_SWEEP {
+                counts = bins.fill_parallel(refs, map);
+            } else {
+                simd::fill_bins(bins, refs, map);
+            }
+            bins.plane(cost)
+        };
+        let mut plane = if self.depth < MAX_SAH_DEPTH { search(self.refs, &map) } else { None };
+        if plane.is_none() && loose && self.depth < MAX_SAH_DEPTH {
+            // All centroids may have fallen into one bin.
+            map = Binning::exact(self.refs);
+            plane = search(self.refs, &map);
+        }
+        let split_cost = plane.as_ref().map_or(f32::INFINITY, |p| p.cost) + cost.step * self.area;
+        if fits && cost.leaf(n) * self.area <= split_cost {
+            self.leaf = true;
+            return Err(self);
+        }
+        let Some(Plane { axis, bin, left, sides, .. }) = plane else { return Ok(self.halve()) };
+        let is_left = |r: &PrimRef| map.bin(r, axis) < bin;
+        if counts.is_empty() {
+            match axis {
+                0 => partition(self.refs, self.spare, left, |r| map.bin(r, 0) < bin),
+                1 => partition(self.refs, self.spare, left, |r| map.bin(r, 1) < bin),
+                _ => partition(self.refs, self.spare, left, |r| map.bin(r, 2) < bin),
+            }
+        } else {
+            let lefts = counts.iter().map(|c| c[axis][..bin].iter().sum::<u32>() as usize).collect();
+            partition_parallel(self.refs, self.spare, left, lefts, is_left);
+        }
+        self.moved = !self.moved;
+        std::mem::swap(&mut self.refs, &mut self.spare);
+        Ok(self.cut(left, sides))
+    }
+
+    /// Parts by kind where no leaf may be made, or in the middle.
+    fn halve(self) -> [Self; 2] {
+        self.refs.sort_unstable_by_key(|r| (r.kind(), r.id()));
+        let change = self.refs.iter().position(|r| r.kind() != self.refs[0].kind());
+        let mid = change.unwrap_or(self.refs.len() / 2);
+        let union = |refs: &[PrimRef]| {
+            let mut b = Box8::EMPTY;
+            refs.iter().for_each(|r| b.grow(&r.0));
+            b
+        };
+        let sides = [union(&self.refs[..mid]), union(&self.refs[mid..])];
+        self.cut(mid, sides)
+    }
+
+    fn cut(self, mid: usize, [left, right]: [Box8; 2]) -> [Self; 2] {
+        let (refs_l, refs_r) = self.refs.split_at_mut(mid);
+        let (spare_l, spare_r) = self.spare.split_at_mut(mid);
+        let half = |refs, spare, bounds| Self { moved: self.moved, ..Self::new(refs, spare, bounds, self.depth + 1) };
+        [half(refs_l, spare_l, left), half(refs_r, spare_r, right)]
     }
 }
 
-/// Moves the references for which `is_left` holds to the front.
-fn partition(refs: &mut [PrimRef], scratch: &mut [PrimRef], is_left: impl Fn(&PrimRef) -> bool + Sync) -> usize {
-    if refs.len() > PARALLEL_SWEEP {
-        return partition_parallel(refs, scratch, is_left);
+/// The children of the wide node over a range, in the order of their references: the largest one is parted until there
+/// are eight. A single one is a leaf.
+pub(super) fn open<'a>(piece: Piece<'a>, cost: &Cost, bins: &mut Bins) -> ArrayVec<Piece<'a>, WIDTH> {
+    let mut children = ArrayVec::<Piece, WIDTH>::new();
+    children.push(piece);
+    while children.len() < WIDTH {
+        let mut largest: Option<(f32, usize)> = None;
+        for (slot, c) in children.iter().enumerate() {
+            if !c.leaf && largest.is_none_or(|l| c.area > l.0) {
+                largest = Some((c.area, slot));
+            }
+        }
+        let Some((_, slot)) = largest else { break };
+        match children.remove(slot).split(cost, bins) {
+            Err(leaf) => children.insert(slot, leaf),
+            Ok([left, right]) => {
+                children.insert(slot, left);
+                children.insert(slot + 1, right);
+            }
+        }
     }
-    // Write every reference to both places and keep one of them: the branch could not be predicted.
-    let (mut i, mut j) = (0, 0);
-    for k in 0..refs.len() {
-        let r = refs[k];
-        let left = usize::from(is_left(&r));
-        refs[i] = r;
-        scratch[j] = r;
-        i += left;
-        j += 1 - left;
-    }
-    refs[i..].copy_from_slice(&scratch[..j]);
-    i
+    children
 }
 
-/// The same for long ranges: count per chunk, then copy each chunk to its two places.
+/// Copies the references for which `is_left` holds to the front of `out`, which has room for `left` of them, and the
+/// others behind them.
+fn partition(refs: &[PrimRef], out: &mut [PrimRef], left: usize, is_left: impl Fn(&PrimRef) -> bool) {
+    let mut i = 0;
+    for (k, r) in refs.iter().enumerate() {
+        let is_left = is_left(r);
+        out[if is_left { i } else { left + k - i }] = *r;
+        i += usize::from(is_left);
+    }
+}
+
+/// The same for long ranges, with the number on the left in each chunk.
 fn partition_parallel(
-    refs: &mut [PrimRef],
-    scratch: &mut [PrimRef],
+    refs: &[PrimRef],
+    out: &mut [PrimRef],
+    left: usize,
+    lefts: Vec<usize>,
     is_left: impl Fn(&PrimRef) -> bool + Sync,
-) -> usize {
-    const CHUNK: usize = PARALLEL_SWEEP / 4;
-    let counts: Vec<usize> = refs.par_chunks(CHUNK).map(|c| c.iter().filter(|r| is_left(r)).count()).collect();
-    let mid: usize = counts.iter().sum();
+) {
     // Hand every chunk its own piece of both sides.
-    let (mut l, mut r) = scratch[..refs.len()].split_at_mut(mid);
-    let mut jobs = Vec::with_capacity(counts.len());
-    for (chunk, &n) in refs.chunks(CHUNK).zip(&counts) {
+    let (mut l, mut r) = out.split_at_mut(left);
+    let mut jobs = Vec::with_capacity(lefts.len());
+    for (chunk, n) in refs.chunks(CHUNK).zip(lefts) {
         let (a, rest_l) = l.split_at_mut(n);
         let (b, rest_r) = r.split_at_mut(chunk.len() - n);
         (l, r) = (rest_l, rest_r);
@@ -421,7 +452,4 @@ fn partition_parallel(
             }
         }
     });
-    let copy = refs.par_chunks_mut(CHUNK).zip(scratch.par_chunks(CHUNK));
-    copy.for_each(|(to, from)| to.copy_from_slice(&from[..to.len()]));
-    mid
 }

@@ -102,9 +102,6 @@ impl Bvh {
 
 fn build_tree(set: &GeometrySet, shapes: &[u32], instances: &[Bounds3]) -> Option<Tree> {
     let parts = Parts::new(set, shapes, instances.len());
-    let (mut refs, count) = parts.refs(set, instances);
-    let refs = &mut refs[..count];
-    let cost = binned::Cost { block: 1.0, step: 1.0, max_leaf: wide::LANES * wide::MAX_BLOCKS };
-    let nodes2 = binned::build(refs, &cost);
-    wide::collapse(&nodes2, refs, parts)
+    let (refs, bounds) = parts.refs(set, instances);
+    wide::build(refs, bounds, parts)
 }

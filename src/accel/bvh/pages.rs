@@ -7,26 +7,61 @@ use bytemuck::{AnyBitPattern, NoUninit};
 /// Arrays from this many bytes on are mapped, with large pages where the system grants them.
 const LARGE: usize = 4 << 20;
 
-/// A zeroed array of fixed length.
+/// An array that starts with zeros and may grow up to the capacity that it was made with.
 #[derive(Debug)]
 pub(super) enum Pages<T> {
     Small(Vec<T>),
-    /// The mapping and the number of elements.
+    /// The mapping and the number of elements in use. Pages that nobody has touched take no memory.
     Mapped(memmap2::MmapMut, usize),
 }
 
 impl<T: AnyBitPattern + NoUninit> Pages<T> {
     pub fn zeroed(len: usize) -> Self {
-        let bytes = len * size_of::<T>();
+        let mut pages = Self::with_capacity(len);
+        pages.extend_zeroed(len);
+        pages
+    }
+
+    /// An empty array with room for `capacity` elements.
+    pub fn with_capacity(capacity: usize) -> Self {
+        let bytes = capacity * size_of::<T>();
         if bytes >= LARGE
-            && let Ok(map) = memmap2::MmapMut::map_anon(bytes)
+            && let Ok(map) = memmap2::MmapOptions::new().len(bytes).no_reserve_swap().map_anon()
         {
             // A refusal costs speed only.
             #[cfg(target_os = "linux")]
             let _ = map.advise(memmap2::Advice::HugePage);
-            return Self::Mapped(map, len);
+            return Self::Mapped(map, 0);
         }
-        Self::Small(vec![T::zeroed(); len])
+        Self::Small(Vec::new())
+    }
+
+    /// Appends `n` zeroed elements, and returns them.
+    pub fn extend_zeroed(&mut self, n: usize) -> &mut [T] {
+        let old = self.len();
+        match self {
+            Self::Small(v) => v.resize(old + n, T::zeroed()),
+            Self::Mapped(map, len) => {
+                assert!((old + n) * size_of::<T>() <= map.len(), "a tree outgrew the room that was reserved for it");
+                *len += n;
+            }
+        }
+        &mut self[old..]
+    }
+
+    /// Forgets what follows the first `len` elements.
+    pub fn truncate(&mut self, to: usize) {
+        match self {
+            Self::Small(v) => v.truncate(to),
+            Self::Mapped(_, len) => *len = to.min(*len),
+        }
+    }
+
+    /// Gives back what small arrays have allocated in vain.
+    pub fn shrink(&mut self) {
+        if let Self::Small(v) = self {
+            v.shrink_to_fit();
+        }
     }
 }
 
@@ -37,7 +72,7 @@ impl<T: AnyBitPattern + NoUninit> Deref for Pages<T> {
     fn deref(&self) -> &[T] {
         match self {
             Self::Small(v) => v,
-            Self::Mapped(map, len) => &bytemuck::cast_slice(map)[..*len],
+            Self::Mapped(map, len) => bytemuck::cast_slice(&map[..*len * size_of::<T>()]),
         }
     }
 }
@@ -46,7 +81,7 @@ impl<T: AnyBitPattern + NoUninit> DerefMut for Pages<T> {
     fn deref_mut(&mut self) -> &mut [T] {
         match self {
             Self::Small(v) => v,
-            Self::Mapped(map, len) => &mut bytemuck::cast_slice_mut(map)[..*len],
+            Self::Mapped(map, len) => bytemuck::cast_slice_mut(&mut map[..*len * size_of::<T>()]),
         }
     }
 }

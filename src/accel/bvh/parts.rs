@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::binned::PrimRef;
+use super::binned::{Box8, PrimRef};
 use super::pages::Pages;
 use crate::geometry::{GeometrySet, Shape, TriangleMesh};
 use crate::math::Bounds3;
@@ -75,52 +75,60 @@ impl Parts {
         size_of_val(&self.parts[..])
     }
 
-    /// A box for every id, and how many there are: boxes that are not finite are left out, as nothing in them can be hit.
-    pub fn refs(&self, set: &GeometrySet, instance_bounds: &[Bounds3]) -> (Pages<PrimRef>, usize) {
+    /// A box for every id and the box of all: boxes that are not finite are left out, as nothing in them can be hit.
+    pub fn refs(&self, set: &GeometrySet, instance_bounds: &[Bounds3]) -> (Pages<PrimRef>, Box8) {
+        const CHUNK: usize = 1 << 14;
         let shapes = self.parts.len() - instance_bounds.len();
         let mut refs = Pages::<PrimRef>::zeroed(self.len);
         let mut rest = &mut refs[..];
-        let mut all_finite = true;
+        let (mut union, mut all_finite) = (Box8::EMPTY, true);
         for (i, part) in self.parts.iter().enumerate() {
             let n = self.parts.get(i + 1).map_or(self.len, |p| p.first as usize) - part.first as usize;
             let (mine, tail) = rest.split_at_mut(n);
             rest = tail;
             if let Some(mesh) = &part.mesh {
-                let make = |(prim, r): (usize, &mut PrimRef)| {
-                    let [a, b, c] = mesh.triangle(prim as u32);
-                    // The minimum may hide a NaN, so ask the corners.
-                    let good = a.is_finite() && b.is_finite() && c.is_finite();
-                    let bounds = if good { Bounds3::new(a.min(b).min(c), a.max(b).max(c)) } else { Bounds3::EMPTY };
-                    *r = PrimRef::new(bounds, part.first + prim as u32, KIND_TRIANGLE);
-                    good
+                let boxes = |(chunk, refs): (usize, &mut [PrimRef])| {
+                    let (mut union, mut all_finite) = (Box8::EMPTY, true);
+                    for (i, r) in refs.iter_mut().enumerate() {
+                        let prim = (chunk * CHUNK + i) as u32;
+                        let [a, b, c] = mesh.triangle(prim);
+                        // The minimum may hide a NaN, so ask the corners.
+                        let good = a.is_finite() && b.is_finite() && c.is_finite();
+                        let bounds = if good { Bounds3::new(a.min(b).min(c), a.max(b).max(c)) } else { Bounds3::EMPTY };
+                        *r = PrimRef::new(bounds, part.first + prim, KIND_TRIANGLE);
+                        union.grow(r.bounds());
+                        all_finite &= good;
+                    }
+                    (union, all_finite)
                 };
-                all_finite &= mine
-                    .par_iter_mut()
-                    .with_min_len(4096)
-                    .enumerate()
-                    .map(|(i, r)| make((i, r)))
-                    .reduce(|| true, |a, b| a & b);
+                let merge = |mut a: (Box8, bool), b: (Box8, bool)| {
+                    a.0.grow(&b.0);
+                    (a.0, a.1 & b.1)
+                };
+                let mesh = mine.par_chunks_mut(CHUNK).enumerate().map(boxes).reduce(|| (Box8::EMPTY, true), merge);
+                (union, all_finite) = merge((union, all_finite), mesh);
             } else {
                 let (bounds, kind) = match i.checked_sub(shapes) {
                     Some(instance) => (instance_bounds[instance], KIND_INSTANCE),
                     None => (set.shape_bounds(part.index), KIND_QUADRIC),
                 };
-                mine[0] = PrimRef::new(bounds, part.first, kind);
-                all_finite &= bounds.min.is_finite() && bounds.max.is_finite();
+                let good = bounds.min.is_finite() && bounds.max.is_finite();
+                mine[0] = PrimRef::new(if good { bounds } else { Bounds3::EMPTY }, part.first, kind);
+                union.grow(mine[0].bounds());
+                all_finite &= good;
             }
         }
         // Close the gaps that undefined boxes leave.
-        let mut kept = self.len;
         if !all_finite {
-            kept = 0;
+            let mut kept = 0;
             for i in 0..refs.len() {
-                let b = refs[i].bounds();
-                if b.min.is_finite() && b.max.is_finite() {
+                if refs[i].bounds().bounds().min.is_finite() {
                     refs[kept] = refs[i];
                     kept += 1;
                 }
             }
+            refs.truncate(kept);
         }
-        (refs, kept)
+        (refs, union)
     }
 }

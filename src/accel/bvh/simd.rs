@@ -2,6 +2,7 @@
 
 use std::mem::MaybeUninit;
 
+use super::binned::{self, Binning, Bins, Cost, PrimRef};
 use super::kernel::{Kernel, Portable};
 use super::traverse::{self, Best, STACK};
 use super::wide::{Block, Child, Node8, Tree};
@@ -19,7 +20,7 @@ pub(super) fn read(stack: &[MaybeUninit<u64>; STACK], index: usize) -> u64 {
 #[inline(always)]
 pub(super) fn node_of(nodes: &[Node8], child: Child) -> &Node8 {
     debug_assert!((child.0 as usize) < nodes.len());
-    // SAFETY: `collapse` only makes node references below the number of nodes, and a tree is never changed.
+    // SAFETY: `wide::build` only makes node references below the number of nodes, and a tree is never changed.
     unsafe { nodes.get_unchecked(child.0 as usize) }
 }
 
@@ -27,7 +28,7 @@ pub(super) fn node_of(nodes: &[Node8], child: Child) -> &Node8 {
 #[inline(always)]
 pub(super) fn blocks_of(blocks: &[Block], child: Child) -> &[Block] {
     debug_assert!(child.blocks().end <= blocks.len());
-    // SAFETY: `collapse` only makes leaf references within the blocks, and a tree is never changed.
+    // SAFETY: `wide::build` only makes leaf references within the blocks, and a tree is never changed.
     unsafe { blocks.get_unchecked(child.blocks()) }
 }
 
@@ -67,6 +68,29 @@ pub(super) fn walk<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u
     }
 }
 
+/// Sorts references into bins.
+#[inline]
+pub(super) fn fill_bins(bins: &mut Bins, refs: &[PrimRef], map: &Binning) {
+    // Short functions, so the question comes first; the standard library remembers the answer.
+    #[cfg(target_arch = "x86_64")]
+    if Isa::Avx2.is_available() {
+        // SAFETY: AVX2 is available.
+        return unsafe { x86::fill_bins(bins, refs, map) };
+    }
+    bins.fill::<binned::Portable>(refs, map);
+}
+
+/// The cheapest plane between bins.
+#[inline]
+pub(super) fn best_plane(bins: &Bins, cost: &Cost) -> Option<(f32, usize, usize)> {
+    #[cfg(target_arch = "x86_64")]
+    if Isa::Avx2.is_available() {
+        // SAFETY: AVX2 is available.
+        return unsafe { x86::best_plane(bins, cost) };
+    }
+    bins.best::<binned::Portable>(cost)
+}
+
 #[inline(never)]
 fn walk_portable<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
     traverse::walk::<Portable, ANY>(bvh, tree, ray, placed, best);
@@ -76,6 +100,7 @@ fn walk_portable<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32
 mod x86 {
     use core::arch::x86_64::*;
 
+    use super::super::binned::{Box8, Union};
     use super::super::traverse::{FAR_SCALE, SlabRay};
     use super::super::wide::{Block, Child, FLAT_LANES, FlatBlock, Node8, WIDTH};
     use super::*;
@@ -89,6 +114,30 @@ mod x86 {
     #[target_feature(enable = "avx2,bmi1,avx512f,avx512vl")]
     pub(super) fn walk_avx512<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
         traverse::walk::<Avx512, ANY>(bvh, tree, ray, placed, best);
+    }
+
+    struct Avx2Union;
+
+    impl Union for Avx2Union {
+        #[inline(always)]
+        fn grow(a: &mut Box8, b: &Box8) {
+            // SAFETY: used only inside functions that enable AVX2; boxes are 32-byte aligned.
+            unsafe {
+                let min = _mm256_min_ps(_mm256_load_ps(b.0.as_ptr()), _mm256_load_ps(a.0.as_ptr()));
+                _mm256_store_ps(a.0.as_mut_ptr(), min);
+            }
+        }
+    }
+
+    // Without fused multiply-add, so that the tree is the same on every processor.
+    #[target_feature(enable = "avx2")]
+    pub(super) fn fill_bins(bins: &mut Bins, refs: &[PrimRef], map: &Binning) {
+        bins.fill::<Avx2Union>(refs, map);
+    }
+
+    #[target_feature(enable = "avx2")]
+    pub(super) fn best_plane(bins: &Bins, cost: &Cost) -> Option<(f32, usize, usize)> {
+        bins.best::<Avx2Union>(cost)
     }
 
     /// Eight boxes in one register, four triangles in half of one.

@@ -1,8 +1,9 @@
 //! The 8-wide tree: 256-byte nodes, and leaf blocks with their triangles side by side.
 
+use arrayvec::ArrayVec;
 use rayon::prelude::*;
 
-use super::binned::{Node2, PrimRef};
+use super::binned::{Bins, Box8, Cost, Piece, PrimRef, open};
 use super::pages::Pages;
 use super::parts::{KIND_QUADRIC, KIND_TRIANGLE, Parts};
 use crate::math::Bounds3;
@@ -13,8 +14,10 @@ pub(super) const WIDTH: usize = 8;
 pub(super) const LANES: usize = 4;
 /// Blocks that one leaf can refer to.
 pub(super) const MAX_BLOCKS: usize = 8;
-/// Subtrees over more references than this are filled by their own task.
-const PARALLEL_FILL: usize = 8192;
+/// Subtrees over this many references are built by one task; fewer in small trees, so that there are enough tasks.
+const TASK: std::ops::RangeInclusive<usize> = 1024..=8192;
+/// Tasks for each thread before their results are collected.
+const ROUND: usize = 16;
 
 /// What a child slot refers to, in 32 bits.
 ///
@@ -64,6 +67,14 @@ impl Child {
     #[inline]
     pub fn id(self) -> u32 {
         self.0 & 0x1fff_ffff
+    }
+
+    /// The same child of a subtree whose nodes and blocks were given higher numbers.
+    #[inline(always)]
+    fn shifted(self, nodes: u32, blocks: u32) -> Self {
+        let shift = if self.is_node() { nodes } else { blocks };
+        // `NONE` looks like a kind that does not exist.
+        Self(self.0 + if self.is_node() || self.kind() == KIND_TRIANGLE { shift } else { 0 })
     }
 }
 
@@ -164,7 +175,7 @@ pub(super) struct FlatBlock {
 #[derive(Debug)]
 pub(super) struct Flat {
     pub blocks: Vec<FlatBlock>,
-    pub singles: arrayvec::ArrayVec<Child, FLAT_SINGLES>,
+    pub singles: ArrayVec<Child, FLAT_SINGLES>,
 }
 
 impl Flat {
@@ -205,144 +216,98 @@ pub(super) struct Tree {
     pub flat: Option<Flat>,
 }
 
-/// Counts of what a subtree needs, stored at its root until the tree is filled.
-#[derive(Clone, Copy, Default)]
-struct Size {
-    /// Wide nodes below the root of the subtree.
-    nodes: u32,
-    blocks: u32,
+/// One node with eight children costs as much as one block, and a binary step as much again.
+const COST: Cost = Cost { block: 1.0, step: 1.0, max_leaf: LANES * MAX_BLOCKS };
+
+/// Nodes and blocks of one subtree, numbered from 0.
+struct Subtree {
+    nodes: Vec<Node8>,
+    blocks: Vec<Block>,
+    root: Child,
+    /// Room to part ranges of references in.
+    spare: Vec<PrimRef>,
+    bins: Bins,
 }
 
-/// The binary subtrees that become the children of one wide node, in memory order.
-fn open(nodes2: &[Node2]) -> arrayvec::ArrayVec<usize, WIDTH> {
-    let mut children = arrayvec::ArrayVec::new();
-    children.push(0);
-    // Open the largest inner child until the node is full.
-    while children.len() < WIDTH {
-        let mut largest: Option<(f32, usize)> = None;
-        for (slot, &c) in children.iter().enumerate() {
-            let area = nodes2[c].half_area();
-            if nodes2[c].count() == 0 && largest.is_none_or(|l| area > l.0) {
-                largest = Some((area, slot));
+impl Subtree {
+    fn new() -> Self {
+        Self { nodes: Vec::new(), blocks: Vec::new(), root: Child::NONE, spare: Vec::new(), bins: Bins::EMPTY }
+    }
+
+    /// Replaces the contents by the tree over `refs`.
+    fn build(&mut self, refs: &mut [PrimRef], task: &Task, parts: &Parts) {
+        self.nodes.clear();
+        self.blocks.clear();
+        let mut spare = std::mem::take(&mut self.spare);
+        spare.resize(spare.len().max(refs.len()), PrimRef::default());
+        let piece = Piece::new(refs, &mut spare[..task.len], task.bounds, task.depth);
+        self.root = self.root(piece, parts);
+        self.spare = spare;
+    }
+
+    fn root(&mut self, piece: Piece, parts: &Parts) -> Child {
+        let children = open(piece, &COST, &mut self.bins);
+        if let [leaf] = &children[..] {
+            return self.leaf(leaf, parts);
+        }
+        self.nodes.push(Node8::EMPTY);
+        self.fill(0, children, parts);
+        Child::node(0)
+    }
+
+    /// Fills a node. Its inner children stand side by side, then follow their subtrees.
+    fn fill(&mut self, node: usize, children: ArrayVec<Piece, WIDTH>, parts: &Parts) {
+        let slots = slots_by_area(&children.iter().map(|c| c.area).collect::<ArrayVec<f32, WIDTH>>());
+        let mut inner = ArrayVec::<_, WIDTH>::new();
+        for (piece, slot) in children.into_iter().zip(slots) {
+            let bounds = piece.bounds.bounds();
+            let opened = open(piece, &COST, &mut self.bins);
+            let child = if let [leaf] = &opened[..] {
+                self.leaf(leaf, parts)
+            } else {
+                let index = self.nodes.len();
+                self.nodes.push(Node8::EMPTY);
+                inner.push((index, opened));
+                Child::node(index)
+            };
+            self.nodes[node].set(slot, &bounds, child);
+        }
+        for (index, opened) in inner {
+            self.fill(index, opened, parts);
+        }
+    }
+
+    fn leaf(&mut self, piece: &Piece, parts: &Parts) -> Child {
+        let refs = &*piece.refs;
+        if refs[0].kind() != KIND_TRIANGLE {
+            return Child::single(refs[0].kind(), refs[0].id());
+        }
+        let first = self.blocks.len();
+        for refs in refs.chunks(LANES) {
+            let mut block = Block::EMPTY;
+            block.fill(refs, parts);
+            self.blocks.push(block);
+        }
+        Child::triangles(first, self.blocks.len() - first)
+    }
+
+    /// Copies the subtree to its place in the whole tree; returns what its root is called there.
+    fn place(&self, nodes: &mut [Node8], blocks: &mut [Block], first_node: u32, first_block: u32) -> Child {
+        for (to, from) in nodes.iter_mut().zip(&self.nodes) {
+            *to = *from;
+            for child in &mut to.child {
+                *child = child.shifted(first_node, first_block);
             }
         }
-        let Some((_, slot)) = largest else { break };
-        let c = children[slot];
-        children[slot] = c + 1;
-        children.insert(slot + 1, c + nodes2[c].offset());
+        blocks.copy_from_slice(&self.blocks);
+        self.root.shifted(first_node, first_block)
     }
-    children
-}
-
-/// A range of sizes that runs parallel to a range of binary nodes.
-fn measure(nodes2: &[Node2], refs: &[PrimRef], sizes: &mut [Size]) -> Size {
-    let mut total = Size::default();
-    if nodes2[0].count() > 0 {
-        let triangles = refs[nodes2[0].offset()].kind() == KIND_TRIANGLE;
-        total.blocks = if triangles { nodes2[0].count().div_ceil(LANES) as u32 } else { 0 };
-    } else {
-        let children = open(nodes2);
-        let job = |(nodes2, sizes): (&[Node2], &mut [Size])| {
-            let inner = u32::from(nodes2[0].count() == 0);
-            let s = measure(nodes2, refs, sizes);
-            Size { nodes: s.nodes + inner, blocks: s.blocks }
-        };
-        let pieces = cut(nodes2, sizes, &children);
-        let add = |a: Size, b: Size| Size { nodes: a.nodes + b.nodes, blocks: a.blocks + b.blocks };
-        total = if nodes2.len() > PARALLEL_FILL {
-            pieces.into_par_iter().map(job).reduce(Size::default, add)
-        } else {
-            pieces.into_iter().map(job).fold(Size::default(), add)
-        };
-    }
-    sizes[0] = total;
-    total
-}
-
-/// Cuts both slices into the subtrees of the children.
-fn cut<'a, 'b>(
-    nodes2: &'a [Node2],
-    mut sizes: &'b mut [Size],
-    children: &[usize],
-) -> Vec<(&'a [Node2], &'b mut [Size])> {
-    let mut pieces = Vec::with_capacity(WIDTH);
-    let mut at = 0;
-    for (i, &c) in children.iter().enumerate() {
-        let end = children.get(i + 1).copied().unwrap_or(nodes2.len());
-        let (piece, rest) = std::mem::take(&mut sizes)[c - at..].split_at_mut(end - c);
-        pieces.push((&nodes2[c..end], piece));
-        (sizes, at) = (rest, end);
-    }
-    pieces
-}
-
-struct Job<'a> {
-    nodes2: &'a [Node2],
-    sizes: &'a [Size],
-    /// The node to fill and the nodes below it.
-    node: Option<&'a mut Node8>,
-    below: &'a mut [Node8],
-    below_first: usize,
-    blocks: &'a mut [Block],
-    blocks_first: usize,
-}
-
-/// Builds the wide tree from the binary one.
-pub(super) fn collapse(nodes2: &[Node2], refs: &[PrimRef], parts: Parts) -> Option<Tree> {
-    let Some(top) = nodes2.first() else {
-        return Some(Tree {
-            nodes: Pages::zeroed(0),
-            blocks: Pages::zeroed(0),
-            root: Child::NONE,
-            bounds: Bounds3::EMPTY,
-            parts,
-            flat: None,
-        });
-    };
-    let mut sizes = vec![Size::default(); nodes2.len()];
-    let size = measure(nodes2, refs, &mut sizes);
-    if size.blocks as usize > BLOCK_LIMIT || parts.len() > ID_LIMIT {
-        return None;
-    }
-    let inner = usize::from(top.count() == 0);
-    let mut nodes = Pages::<Node8>::zeroed(size.nodes as usize + inner);
-    let mut blocks = Pages::<Block>::zeroed(size.blocks as usize);
-    let bounds = top.bounds();
-    let (node, below) = nodes.split_at_mut(inner);
-    let job = Job {
-        nodes2,
-        sizes: &sizes,
-        node: node.first_mut(),
-        below,
-        below_first: inner,
-        blocks: &mut blocks,
-        blocks_first: 0,
-    };
-    let root = if inner == 1 { Child::node(0) } else { leaf(top, refs, &parts, job.blocks, 0) };
-    if inner == 1 {
-        fill(job, refs, &parts);
-    }
-    let flat = Flat::new(refs, &parts);
-    Some(Tree { nodes, blocks, root, bounds, parts, flat })
-}
-
-/// Fills the blocks of one leaf.
-fn leaf(n: &Node2, refs: &[PrimRef], parts: &Parts, blocks: &mut [Block], first: usize) -> Child {
-    let refs = &refs[n.offset()..n.offset() + n.count()];
-    if refs[0].kind() != KIND_TRIANGLE {
-        return Child::single(refs[0].kind(), refs[0].id());
-    }
-    for (block, refs) in blocks.iter_mut().zip(refs.chunks(LANES)) {
-        *block = Block::EMPTY;
-        block.fill(refs, parts);
-    }
-    Child::triangles(first, refs.len().div_ceil(LANES))
 }
 
 /// The slot of each child: any-hit queries enter the first slot that is hit, so the largest box comes first.
-fn slots_by_area(nodes2: &[Node2], children: &[usize]) -> [usize; WIDTH] {
-    let mut order: arrayvec::ArrayVec<usize, WIDTH> = (0..children.len()).collect();
-    order.sort_by(|&a, &b| nodes2[children[b]].half_area().total_cmp(&nodes2[children[a]].half_area()));
+fn slots_by_area(areas: &[f32]) -> [usize; WIDTH] {
+    let mut order: ArrayVec<usize, WIDTH> = (0..areas.len()).collect();
+    order.sort_by(|&a, &b| areas[b].total_cmp(&areas[a]));
     let mut slots = [0; WIDTH];
     for (slot, &i) in order.iter().enumerate() {
         slots[i] = slot;
@@ -350,48 +315,138 @@ fn slots_by_area(nodes2: &[Node2], children: &[usize]) -> [usize; WIDTH] {
     slots
 }
 
-fn fill(job: Job, refs: &[PrimRef], parts: &Parts) {
-    let Some(node) = job.node else { return };
-    *node = Node8::EMPTY;
-    let children = open(job.nodes2);
-    let n_inner = children.iter().filter(|&&c| job.nodes2[c].count() == 0).count();
-    // The inner children stand side by side, then follow their subtrees.
-    let (mut side, mut below) = job.below.split_at_mut(n_inner);
-    let (mut side_first, mut below_first) = (job.below_first, job.below_first + n_inner);
-    let (mut blocks, mut blocks_first) = (job.blocks, job.blocks_first);
-    let mut jobs = Vec::with_capacity(n_inner);
-    let slots = slots_by_area(job.nodes2, &children);
-    for (i, &c) in children.iter().enumerate() {
-        let slot = slots[i];
-        let end = children.get(i + 1).copied().unwrap_or(job.nodes2.len());
-        let (n, size) = (&job.nodes2[c], job.sizes[c]);
-        let (size_nodes, size_blocks) = (size.nodes as usize, size.blocks as usize);
-        let (my_blocks, rest) = blocks.split_at_mut(size_blocks);
-        if n.count() > 0 {
-            node.set(slot, &n.bounds(), leaf(n, refs, parts, my_blocks, blocks_first));
-        } else {
-            node.set(slot, &n.bounds(), Child::node(side_first));
-            let (child, rest_side) = side.split_at_mut(1);
-            let (my_below, rest_below) = below.split_at_mut(size_nodes);
-            jobs.push(Job {
-                nodes2: &job.nodes2[c..end],
-                sizes: &job.sizes[c..end],
-                node: child.first_mut(),
-                below: my_below,
-                below_first,
-                blocks: my_blocks,
-                blocks_first,
-            });
-            (side, below) = (rest_side, rest_below);
-            side_first += 1;
-            below_first += size_nodes;
+/// The upper end of the tree, parted until a task can take what is left. The references of tasks lie in the first array.
+enum Top<'a> {
+    Task(Piece<'a>),
+    Node(Vec<(Box8, Self)>),
+}
+
+impl<'a> Top<'a> {
+    fn new(piece: Piece<'a>, task: usize) -> Self {
+        if piece.refs.len() <= task {
+            if piece.moved {
+                piece.spare.copy_from_slice(piece.refs);
+            }
+            return Self::Task(piece);
         }
-        blocks = rest;
-        blocks_first += size_blocks;
+        let mut bins = Bins::EMPTY;
+        let children = Vec::from_iter(open(piece, &COST, &mut bins));
+        Self::Node(children.into_par_iter().map(|c| (c.bounds, Self::new(c, task))).collect())
     }
-    if job.nodes2.len() > PARALLEL_FILL {
-        jobs.into_par_iter().for_each(|j| fill(j, refs, parts));
+}
+
+/// A subtree to be built, over the references that follow those of the task before.
+struct Task {
+    len: usize,
+    bounds: Box8,
+    depth: u32,
+    /// The node and the slot that it belongs to.
+    parent: Option<(usize, usize)>,
+}
+
+/// Numbers the nodes of the upper end, and lists what hangs below.
+fn flatten(top: Top, parent: Option<(usize, usize)>, nodes: &mut Vec<Node8>, tasks: &mut Vec<Task>) {
+    match top {
+        Top::Task(p) => {
+            tasks.push(Task { len: p.refs.len(), bounds: p.bounds, depth: p.depth, parent });
+        }
+        Top::Node(children) => {
+            let index = nodes.len();
+            nodes.push(Node8::EMPTY);
+            if let Some((node, slot)) = parent {
+                nodes[node].child[slot] = Child::node(index);
+            }
+            let slots = slots_by_area(&children.iter().map(|(b, _)| b.half_area()).collect::<ArrayVec<f32, WIDTH>>());
+            for ((bounds, child), slot) in children.into_iter().zip(slots) {
+                nodes[index].set(slot, &bounds.bounds(), Child::NONE);
+                flatten(child, Some((index, slot)), nodes, tasks);
+            }
+        }
+    }
+}
+
+/// Builds the tree over `refs`, which lie in `bounds`; `None` when it would have more blocks than it can number.
+pub(super) fn build(mut refs: Pages<PrimRef>, bounds: Box8, parts: Parts) -> Option<Tree> {
+    let n = refs.len();
+    let mut tree = Tree {
+        nodes: Pages::with_capacity(n),
+        blocks: Pages::with_capacity(n),
+        root: Child::NONE,
+        bounds: bounds.bounds(),
+        flat: Flat::new(&refs, &parts),
+        parts,
+    };
+    if n == 0 {
+        tree.bounds = Bounds3::EMPTY;
+        return Some(tree);
+    }
+    if tree.parts.len() > ID_LIMIT {
+        return None;
+    }
+    let (mut top, mut tasks) = (Vec::new(), Vec::new());
+    let task = (n / 32).clamp(*TASK.start(), *TASK.end());
+    if n <= task {
+        tasks.push(Task { len: n, bounds, depth: 0, parent: None });
     } else {
-        jobs.into_iter().for_each(|j| fill(j, refs, parts));
+        let mut spare = Pages::<PrimRef>::zeroed(n);
+        flatten(Top::new(Piece::new(&mut refs, &mut spare, bounds, 0), task), None, &mut top, &mut tasks);
     }
+    tree.nodes.extend_zeroed(top.len()).copy_from_slice(&top);
+    let mut rest = &mut refs[..];
+    let mut subtrees = Vec::new();
+    let mut tasks = &tasks[..];
+    while !tasks.is_empty() {
+        // As many tasks as make a round.
+        let mut total = 0;
+        let more = |t: &&Task| {
+            let enough = total > ROUND * rayon::current_num_threads() * task;
+            total += t.len;
+            !enough
+        };
+        let (round, later) = tasks.split_at(tasks.iter().take_while(more).count());
+        tasks = later;
+        subtrees.resize_with(subtrees.len().max(round.len()), Subtree::new);
+        let subtrees = &mut subtrees[..round.len()];
+        let mut jobs = Vec::with_capacity(round.len());
+        for (task, subtree) in round.iter().zip(subtrees.iter_mut()) {
+            let (mine, others) = std::mem::take(&mut rest).split_at_mut(task.len);
+            rest = others;
+            jobs.push((mine, task, subtree));
+        }
+        jobs.into_par_iter().for_each(|(refs, task, subtree)| subtree.build(refs, task, &tree.parts));
+        collect(&mut tree, round, subtrees)?;
+    }
+    tree.nodes.shrink();
+    tree.blocks.shrink();
+    Some(tree)
+}
+
+/// Appends the subtrees of a round.
+fn collect(tree: &mut Tree, round: &[Task], subtrees: &[Subtree]) -> Option<()> {
+    let (mut first_node, mut first_block) = (tree.nodes.len(), tree.blocks.len());
+    let mut nodes = tree.nodes.extend_zeroed(subtrees.iter().map(|s| s.nodes.len()).sum());
+    let mut blocks = tree.blocks.extend_zeroed(subtrees.iter().map(|s| s.blocks.len()).sum());
+    if first_block + blocks.len() > BLOCK_LIMIT {
+        return None;
+    }
+    let mut jobs = Vec::with_capacity(round.len());
+    for s in subtrees {
+        let (my_nodes, other_nodes) = nodes.split_at_mut(s.nodes.len());
+        let (my_blocks, other_blocks) = blocks.split_at_mut(s.blocks.len());
+        (nodes, blocks) = (other_nodes, other_blocks);
+        jobs.push((s, my_nodes, my_blocks, first_node as u32, first_block as u32));
+        first_node += s.nodes.len();
+        first_block += s.blocks.len();
+    }
+    let roots: Vec<Child> = jobs.into_par_iter().map(|(s, nodes, blocks, n, b)| s.place(nodes, blocks, n, b)).collect();
+    for (task, root) in round.iter().zip(roots) {
+        match task.parent {
+            Some((node, slot)) => tree.nodes[node].child[slot] = root,
+            None => tree.root = root,
+        }
+    }
+    if round.iter().all(|t| t.parent.is_some()) {
+        tree.root = Child::node(0);
+    }
+    Some(())
 }
