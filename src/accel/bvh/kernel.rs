@@ -1,5 +1,7 @@
 //! What an instruction set has to provide, and the portable version of it.
 
+use std::mem::MaybeUninit;
+
 use super::traverse::{FAR_SCALE, SlabRay};
 use super::wide::{Block, Child, FLAT_LANES, FlatBlock, LANES, Node8, WIDTH};
 use crate::geometry::ShearedRay;
@@ -14,6 +16,24 @@ pub(super) trait Kernel: Copy {
 
     /// Which of the eight boxes the ray meets before `limit`; their entry distances go to `near`.
     fn node(&self, node: &Node8, limit: f32, near: &mut [f32; WIDTH]) -> u32;
+
+    /// The same without the distances.
+    #[inline(always)]
+    fn node_any(&self, node: &Node8, limit: f32) -> u32 {
+        self.node(node, limit, &mut [0.0; WIDTH])
+    }
+
+    /// Writes the children in the mask to the front of `stack`, and anything behind them.
+    #[inline(always)]
+    fn push(node: &Node8, mut mask: u32, stack: &mut [MaybeUninit<Child>; WIDTH]) {
+        for to in stack {
+            if mask == 0 {
+                break;
+            }
+            to.write(node.child[mask.trailing_zeros() as usize & 7]);
+            mask &= mask - 1;
+        }
+    }
 
     /// Which triangles of the block pass the edge tests; bit 8 + lane says that an edge function was exactly zero.
     fn block(&self, block: &Block) -> u32;

@@ -4,15 +4,15 @@ use std::mem::MaybeUninit;
 
 use super::binned::{self, Binning, Bins, Cost, PrimRef};
 use super::kernel::{Kernel, Portable};
-use super::traverse::{self, Best, STACK};
-use super::wide::{Block, Child, Node8, Tree};
+use super::traverse::{self, Best};
+use super::wide::{Block, Child, Node8, Tree, WIDTH};
 use super::{Bvh, Isa};
 use crate::geometry::Ray;
 
 /// Reads a stack entry.
 #[inline(always)]
-pub(super) fn read(stack: &[MaybeUninit<u64>; STACK], index: usize) -> u64 {
-    // SAFETY: the traversal loop writes entry `size` before it increments `size`, and reads only below `size`.
+pub(super) fn read<T: Copy, const N: usize>(stack: &[MaybeUninit<T>; N], index: usize) -> T {
+    // SAFETY: the traversal loops write entry `size` before they increment `size`, and read only below `size`.
     unsafe { stack[index].assume_init() }
 }
 
@@ -102,7 +102,7 @@ mod x86 {
 
     use super::super::binned::{Box8, Union};
     use super::super::traverse::{FAR_SCALE, SlabRay};
-    use super::super::wide::{Block, Child, FLAT_LANES, FlatBlock, Node8, WIDTH};
+    use super::super::wide::{Block, Child, FLAT_LANES, FlatBlock, Node8};
     use super::*;
     use crate::geometry::ShearedRay;
 
@@ -221,6 +221,13 @@ mod x86 {
         }
 
         #[inline(always)]
+        fn node_any(&self, node: &Node8, limit: f32) -> u32 {
+            let (n, f) = self.slabs(node, limit);
+            // SAFETY: as in `slabs`.
+            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(n, f)) as u32 }
+        }
+
+        #[inline(always)]
         fn block(&self, block: &Block) -> u32 {
             // SAFETY: as in `slabs`; lanes are 16-byte aligned as the block is.
             unsafe {
@@ -278,6 +285,23 @@ mod x86 {
             unsafe {
                 _mm256_storeu_ps(near.as_mut_ptr(), n);
                 _mm256_cmp_ps_mask::<_CMP_LE_OQ>(n, f) as u32
+            }
+        }
+
+        #[inline(always)]
+        fn node_any(&self, node: &Node8, limit: f32) -> u32 {
+            let (n, f) = self.0.slabs(node, limit);
+            // SAFETY: this type exists only inside functions that enable AVX-512 VL.
+            unsafe { _mm256_cmp_ps_mask::<_CMP_LE_OQ>(n, f) as u32 }
+        }
+
+        #[inline(always)]
+        fn push(node: &Node8, mask: u32, stack: &mut [MaybeUninit<Child>; WIDTH]) {
+            // SAFETY: as in `node_any`; children are 32-byte aligned as the node is, the store is unaligned.
+            unsafe {
+                let children = _mm256_load_si256(node.child.as_ptr().cast());
+                let packed = _mm256_maskz_compress_epi32(mask as u8, children);
+                _mm256_storeu_si256(stack.as_mut_ptr().cast(), packed);
             }
         }
 

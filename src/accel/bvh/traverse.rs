@@ -1,5 +1,7 @@
 //! The traversal loop, written once for all instruction sets.
 
+use std::mem::MaybeUninit;
+
 use super::kernel::Kernel;
 use super::parts::KIND_QUADRIC;
 use super::wide::{Block, Child, FLAT_LANES, Flat, LANES, Tree, WIDTH};
@@ -90,7 +92,7 @@ fn entry(near: f32, child: Child) -> u64 {
     (near.to_bits() as u64) << 32 | child.0 as u64
 }
 
-/// Visits the tree front to back (in any order when `ANY` is set, and then only to the first hit).
+/// Searches the tree for the nearest hit, or for any hit when `ANY` is set.
 ///
 /// `placed` is the instance that the tree belongs to, plus one.
 #[inline(always)]
@@ -104,11 +106,79 @@ pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray
         let kernel = K::new(&SlabRay::boxless(ray), &sheared);
         return test_all::<K, ANY>(bvh, tree, flat, ray, &kernel, &sheared, placed, best);
     }
+    let kernel = K::new(&SlabRay::new(ray), &sheared);
+    if ANY {
+        walk_any(bvh, tree, ray, &kernel, &sheared, placed, best);
+    } else {
+        walk_nearest(bvh, tree, ray, &kernel, &sheared, placed, best);
+    }
+}
+
+/// Visits the tree in any order up to the first hit.
+#[inline(always)]
+fn walk_any<K: Kernel>(
+    bvh: &Bvh,
+    tree: &Tree,
+    ray: &Ray,
+    kernel: &K,
+    sheared: &ShearedRay,
+    placed: u32,
+    best: &mut Best,
+) {
     let (nodes, blocks) = (&tree.nodes[..], &tree.blocks[..]);
-    let slab = SlabRay::new(ray);
-    let kernel = K::new(&slab, &sheared);
     let refining = RefiningRay::new(ray, sheared.k);
-    let mut stack = [const { std::mem::MaybeUninit::<u64>::uninit() }; STACK];
+    // A node is pushed as a whole, so the last one needs room for eight.
+    let mut stack = [const { MaybeUninit::<Child>::uninit() }; STACK + WIDTH];
+    let mut size = 0;
+    let limit = best.t * FAR_SCALE;
+    let mut current = tree.root;
+    loop {
+        if current.is_node() {
+            let node = simd::node_of(nodes, current);
+            let mask = kernel.node_any(node, limit);
+            if mask != 0 {
+                current = node.child[mask.trailing_zeros() as usize & 7];
+                let rest = mask & (mask - 1);
+                K::prefetch(nodes, blocks, node.child[rest.trailing_zeros() as usize & 7]);
+                let top = (&mut stack[size..size + WIDTH]).try_into().expect("eight entries");
+                K::push(node, rest, top);
+                size += rest.count_ones() as usize;
+                continue;
+            }
+        } else {
+            if current.kind() == 0 {
+                for block in simd::blocks_of(blocks, current) {
+                    test_block(kernel, block, ray, sheared, &refining, placed, best);
+                }
+            } else {
+                single::<true>(bvh, tree, ray, current, placed, best);
+            }
+            if best.found {
+                return;
+            }
+        }
+        if size == 0 {
+            return;
+        }
+        size -= 1;
+        current = simd::read(&stack, size);
+    }
+}
+
+/// Visits the tree front to back.
+#[inline(always)]
+fn walk_nearest<K: Kernel>(
+    bvh: &Bvh,
+    tree: &Tree,
+    ray: &Ray,
+    kernel: &K,
+    sheared: &ShearedRay,
+    placed: u32,
+    best: &mut Best,
+) {
+    let (nodes, blocks) = (&tree.nodes[..], &tree.blocks[..]);
+    let refining = RefiningRay::new(ray, sheared.k);
+    let mut stack = [const { MaybeUninit::<u64>::uninit() }; STACK];
     let mut size = 0;
     let mut near = [0f32; WIDTH];
     let mut limit = best.t * FAR_SCALE;
@@ -127,17 +197,6 @@ pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray
             mask &= mask - 1;
             if mask == 0 {
                 current = node.child[first & 7];
-                continue;
-            }
-            if ANY {
-                current = node.child[first & 7];
-                while mask != 0 {
-                    let i = mask.trailing_zeros() as usize & 7;
-                    mask &= mask - 1;
-                    K::prefetch(nodes, blocks, node.child[i]);
-                    stack[size].write(entry(near[i], node.child[i]));
-                    size += 1;
-                }
                 continue;
             }
             let mut a = entry(near[first & 7], node.child[first & 7]);
@@ -184,13 +243,10 @@ pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray
         if !missed {
             if current.kind() == 0 {
                 for block in simd::blocks_of(blocks, current) {
-                    test_block(&kernel, block, ray, &sheared, &refining, placed, best);
+                    test_block(kernel, block, ray, sheared, &refining, placed, best);
                 }
             } else {
-                single::<ANY>(bvh, tree, ray, current, placed, best);
-            }
-            if ANY && best.found {
-                return;
+                single::<false>(bvh, tree, ray, current, placed, best);
             }
             limit = best.t * FAR_SCALE;
         }
@@ -202,7 +258,7 @@ pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray
             }
             size -= 1;
             let e = simd::read(&stack, size);
-            if ANY || e <= bound {
+            if e <= bound {
                 current = Child(e as u32);
                 break;
             }
