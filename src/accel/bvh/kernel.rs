@@ -6,8 +6,8 @@ use super::traverse::{FAR_SCALE, SlabRay};
 use super::wide::{Block, Child, FLAT_LANES, FlatBlock, LANES, Node8, WIDTH};
 use crate::geometry::ShearedRay;
 
-/// A ray in the registers of one instruction set. All versions do the same operations in the same order, without fused
-/// multiply-add in the triangle test, so that their results are equal.
+/// A ray in the registers of one instruction set. All versions do the same operations in the triangle test, in the same order
+/// and without fused multiply-add; in the box test each is conservative. So their results are equal.
 pub(super) trait Kernel: Copy {
     fn new(slab: &SlabRay, sheared: &ShearedRay) -> Self;
 

@@ -43,7 +43,9 @@ impl Isa {
         match self {
             Self::Portable => true,
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi1"),
+            Self::Avx2 => {
+                is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi1") && is_x86_feature_detected!("fma")
+            }
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => {
                 Self::Avx2.is_available() && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")
@@ -106,12 +108,12 @@ mod x86 {
     use super::*;
     use crate::geometry::ShearedRay;
 
-    #[target_feature(enable = "avx2,bmi1")]
+    #[target_feature(enable = "avx2,bmi1,fma")]
     pub(super) fn walk_avx2<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
         traverse::walk::<Avx2, ANY>(bvh, tree, ray, placed, best);
     }
 
-    #[target_feature(enable = "avx2,bmi1,avx512f,avx512vl")]
+    #[target_feature(enable = "avx2,bmi1,fma,avx512f,avx512vl")]
     pub(super) fn walk_avx512<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
         traverse::walk::<Avx512, ANY>(bvh, tree, ray, placed, best);
     }
@@ -140,11 +142,17 @@ mod x86 {
         bins.best::<Avx2Union>(cost)
     }
 
+    /// How much wider than exact the slabs are, relative to the distance of the origin from the planes of the coordinates.
+    const PAD: f32 = 4.0 * f32::EPSILON;
+
     /// Eight boxes in one register, four triangles in half of one.
     #[derive(Clone, Copy)]
     pub(super) struct Avx2 {
-        o: [__m256; 3],
-        rcp: [__m256; 3],
+        /// Slope and offset of the distances to near and to far planes.
+        near_rcp: [__m256; 3],
+        near_o: [__m256; 3],
+        far_rcp: [__m256; 3],
+        far_o: [__m256; 3],
         near: [usize; 3],
         far: [usize; 3],
         k: [usize; 3],
@@ -158,19 +166,25 @@ mod x86 {
 
     impl Avx2 {
         /// Entry and exit distances of the eight boxes.
+        ///
+        /// With r the reciprocal direction and c = o·r, near planes give r·p − (c + pad) and far planes
+        /// s·r·p − s·(c − pad), one rounding each. Let ε be half of `f32::EPSILON`. The padding of 8 ε |c| covers the
+        /// roundings of c (ε), of the padded c (2 ε), and, where p is close to o and the terms cancel, of s·r and s·c (2 ε);
+        /// where they do not, the latter are ε relative to the distance. Then what is left is relative to the distances: r,
+        /// the results, and s·r on the far side, five times ε for both sides, for which s = `FAR_SCALE` has six.
         #[inline(always)]
         fn slabs(&self, node: &Node8, limit: f32) -> (__m256, __m256) {
-            // SAFETY: this type exists only inside functions that enable AVX2; rows are 32-byte aligned as the node is.
+            // SAFETY: this type exists only inside functions that enable AVX2 and FMA; rows are 32-byte aligned as the
+            // node is.
             unsafe {
-                let plane = |row: usize, axis: usize| {
-                    let p = _mm256_load_ps(node.bounds[row].as_ptr());
-                    _mm256_mul_ps(_mm256_sub_ps(p, self.o[axis]), self.rcp[axis])
-                };
-                let n = _mm256_max_ps(plane(self.near[0], 0), plane(self.near[1], 1));
-                let n = _mm256_max_ps(n, _mm256_max_ps(plane(self.near[2], 2), _mm256_setzero_ps()));
-                let f = _mm256_min_ps(plane(self.far[0], 0), plane(self.far[1], 1));
-                let f = _mm256_min_ps(f, plane(self.far[2], 2));
-                (n, _mm256_min_ps(_mm256_mul_ps(f, _mm256_set1_ps(FAR_SCALE)), _mm256_set1_ps(limit)))
+                let plane =
+                    |row: usize, r: __m256, o: __m256| _mm256_fmsub_ps(_mm256_load_ps(node.bounds[row].as_ptr()), r, o);
+                let near = |axis: usize| plane(self.near[axis], self.near_rcp[axis], self.near_o[axis]);
+                let far = |axis: usize| plane(self.far[axis], self.far_rcp[axis], self.far_o[axis]);
+                let n = _mm256_max_ps(near(0), near(1));
+                let n = _mm256_max_ps(n, _mm256_max_ps(near(2), _mm256_setzero_ps()));
+                let f = _mm256_min_ps(far(0), far(1));
+                (n, _mm256_min_ps(f, _mm256_min_ps(far(2), _mm256_set1_ps(limit))))
             }
         }
     }
@@ -180,11 +194,16 @@ mod x86 {
         fn new(slab: &SlabRay, sheared: &ShearedRay) -> Self {
             // Written out: a closure handed to `map` would be compiled without the instruction set.
             let k = sheared.k;
+            let c = slab.o * slab.rcp;
+            let pad = c.abs() * PAD;
+            let (near_o, far_o, far_rcp) = (c + pad, (c - pad) * FAR_SCALE, slab.rcp * FAR_SCALE);
             // SAFETY: called only inside functions that enable AVX2.
             unsafe {
                 Self {
-                    o: [_mm256_set1_ps(slab.o.x), _mm256_set1_ps(slab.o.y), _mm256_set1_ps(slab.o.z)],
-                    rcp: [_mm256_set1_ps(slab.rcp.x), _mm256_set1_ps(slab.rcp.y), _mm256_set1_ps(slab.rcp.z)],
+                    near_rcp: [_mm256_set1_ps(slab.rcp.x), _mm256_set1_ps(slab.rcp.y), _mm256_set1_ps(slab.rcp.z)],
+                    near_o: [_mm256_set1_ps(near_o.x), _mm256_set1_ps(near_o.y), _mm256_set1_ps(near_o.z)],
+                    far_rcp: [_mm256_set1_ps(far_rcp.x), _mm256_set1_ps(far_rcp.y), _mm256_set1_ps(far_rcp.z)],
+                    far_o: [_mm256_set1_ps(far_o.x), _mm256_set1_ps(far_o.y), _mm256_set1_ps(far_o.z)],
                     near: slab.near,
                     far: slab.far,
                     k,

@@ -19,7 +19,7 @@ pub(super) const FAR_SCALE: f32 = 1.0 + 2.0 * gamma(3);
 #[derive(Clone, Copy)]
 pub(super) struct SlabRay {
     pub o: Vec3,
-    /// Reciprocal direction; finite, so that no product with a finite number is NaN.
+    /// Reciprocal direction; finite, and so are its products with `o`.
     pub rcp: Vec3,
     /// Row of [`Node8::bounds`] with the near plane of each axis, and with the far plane.
     pub near: [usize; 3],
@@ -35,7 +35,8 @@ impl SlabRay {
 
     #[inline(always)]
     pub fn new(ray: &Ray) -> Self {
-        let rcp = |d: f32| if d.abs() < 1e-37 { 1e37f32.copysign(d) } else { 1.0 / d };
+        let most = 3e38 / (1.0 + ray.o.abs().max_element());
+        let rcp = |d: f32| if (1.0 / d).abs() < most { 1.0 / d } else { most.copysign(d) };
         let rcp = Vec3::new(rcp(ray.d.x), rcp(ray.d.y), rcp(ray.d.z));
         let row = |r: f32, a: usize| if r < 0.0 { a + 3 } else { a };
         let near = [row(rcp.x, 0), row(rcp.y, 1), row(rcp.z, 2)];
