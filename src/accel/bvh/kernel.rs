@@ -5,6 +5,11 @@ use std::mem::MaybeUninit;
 use super::traverse::{FAR_SCALE, SlabRay};
 use super::wide::{Block, Child, FLAT_LANES, FlatBlock, LANES, Node8, WIDTH};
 use crate::geometry::ShearedRay;
+use crate::math::Vec3;
+
+/// How much wider than exact slabs are, relative to the origin: triangles that the ray misses by the rounding of coordinates
+/// are hit in f32, and must not be missed by the box test.
+pub(super) const PAD: f32 = 4.0 * f32::EPSILON;
 
 /// A ray in the registers of one instruction set. All versions do the same operations in the triangle test, in the same order
 /// and without fused multiply-add; in the box test each is conservative. So their results are equal.
@@ -47,6 +52,7 @@ pub(super) trait Kernel: Copy {
 #[derive(Clone, Copy)]
 pub(super) struct Portable {
     slab: SlabRay,
+    pad: Vec3,
     o: [f32; 3],
     k: [usize; 3],
     s: [f32; 3],
@@ -56,7 +62,8 @@ impl Kernel for Portable {
     #[inline(always)]
     fn new(slab: &SlabRay, sheared: &ShearedRay) -> Self {
         let k = sheared.k;
-        Self { slab: *slab, o: k.map(|k| slab.o[k]), k, s: sheared.s.to_array() }
+        let pad = (slab.o * slab.rcp).abs() * PAD;
+        Self { slab: *slab, pad, o: k.map(|k| slab.o[k]), k, s: sheared.s.to_array() }
     }
 
     #[inline(always)]
@@ -70,8 +77,8 @@ impl Kernel for Portable {
         for axis in 0..3 {
             let (n, f) = (&node.bounds[r.near[axis]], &node.bounds[r.far[axis]]);
             for i in 0..WIDTH {
-                let a = (n[i] - r.o[axis]) * r.rcp[axis];
-                let b = (f[i] - r.o[axis]) * r.rcp[axis];
+                let a = (n[i] - r.o[axis]) * r.rcp[axis] - self.pad[axis];
+                let b = (f[i] - r.o[axis]) * r.rcp[axis] + self.pad[axis];
                 near[i] = if a > near[i] { a } else { near[i] };
                 far[i] = if b < far[i] { b } else { far[i] };
             }

@@ -103,6 +103,7 @@ mod x86 {
     use core::arch::x86_64::*;
 
     use super::super::binned::{Box8, Union};
+    use super::super::kernel::PAD;
     use super::super::traverse::{FAR_SCALE, SlabRay};
     use super::super::wide::{Block, Child, FLAT_LANES, FlatBlock, Node8};
     use super::*;
@@ -141,9 +142,6 @@ mod x86 {
     pub(super) fn best_plane(bins: &Bins, cost: &Cost) -> Option<(f32, usize, usize)> {
         bins.best::<Avx2Union>(cost)
     }
-
-    /// How much wider than exact the slabs are, relative to the distance of the origin from the planes of the coordinates.
-    const PAD: f32 = 4.0 * f32::EPSILON;
 
     /// Eight boxes in one register, four triangles in half of one.
     #[derive(Clone, Copy)]

@@ -210,6 +210,37 @@ fn degenerate_meshes_build_and_are_searched() {
     agree(&mesh_set(m), &mut rng, 1000);
 }
 
+/// Rays almost along the axes, far from the origin and in units of any size: no box may be missed.
+#[test]
+fn boxes_are_not_missed_far_from_the_origin() {
+    let mut rng = Random::new(7);
+    let mut hits = 0;
+    for scale in [1e-9, 1.0, 1e9] {
+        for offset in [0.0, 1e3, 1e7] {
+            let mut m = soup(&mut rng, 200, 0.3);
+            m.positions = m.positions.as_slice().iter().map(|&p| (p + offset) * scale).collect::<Vec<_>>().into();
+            let mut bvh = Bvh::build(mesh_set(m.clone())).expect("small");
+            for i in 0..600 {
+                let [a, b, c] = m.triangle(i % 200);
+                let target = a * 0.5 + b * 0.25 + c * 0.25;
+                let mut d = rng.direction();
+                for axis in 0..3 {
+                    d[axis] *= [1.0, 1e-4, 1e-20, 1e-38][(4.0 * rng.unit()) as usize];
+                }
+                let ray = Ray::new(target - d / d.length() * scale * 3.0, d / d.length());
+                let expected = brute_force(&bvh.set, &ray);
+                hits += usize::from(expected.is_some());
+                for isa in available() {
+                    bvh.isa = isa;
+                    assert_eq!(bvh.intersect(&ray), expected, "{isa:?} {ray:?}");
+                    assert_eq!(bvh.occluded(&ray), expected.is_some(), "{isa:?} {ray:?}");
+                }
+            }
+        }
+    }
+    assert!(hits > 2000, "{hits}");
+}
+
 #[test]
 fn undefined_rays_hit_nothing() {
     let mut rng = Random::new(3);
