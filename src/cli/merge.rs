@@ -1,6 +1,7 @@
 //! `caustica merge`.
 
 use super::args::MergeArgs;
+use super::render::clamp_line;
 use super::{CliError, print};
 use crate::image::{Format, WriteOptions};
 use crate::render::Checkpoint;
@@ -16,6 +17,9 @@ pub fn run(a: &MergeArgs) -> Result<u8, CliError> {
     let merged = Checkpoint::merge(parts)?;
     let passes: Vec<String> = merged.ranges.iter().map(|r| format!("{}..{}", r.start, r.end)).collect();
     print(&format!("passes {}, {} samples per pixel", passes.join(", "), merged.spp));
+    if let Some(clamp) = merged.clamp() {
+        print(&clamp_line(&clamp));
+    }
     for path in &a.output {
         if Format::from_path(path).is_some() {
             let options = WriteOptions { exposure: a.exposure, half: !a.float, ..WriteOptions::default() };

@@ -10,7 +10,9 @@ use super::keep::Keeper;
 use super::progress::Reporter;
 use super::{CliError, INTERRUPTED, bytes, human, layers, print};
 use crate::image::{Format, Image, WriteOptions};
-use crate::render::{Checkpoint, Choice, Control, Plan, PlanOverrides, Session, Summary, choose, render_from};
+use crate::render::{
+    Checkpoint, Choice, ClampSummary, Control, Plan, PlanOverrides, Session, Summary, choose, render_from,
+};
 use crate::scene::Scene;
 
 /// A run with more than this share of dropped samples has failed.
@@ -242,11 +244,16 @@ fn print_summary(scene: &Scene, s: &Summary, seconds: f64, loaded: f64, outputs:
         print(&format!("estimated error    relmse {e:.3e}, from the differences between passes"));
     }
     if let Some(c) = &s.clamp {
-        let bias = c.bias.map(|b| format!("{b:+.3e}")).join(" ");
-        print(&format!("clamp at {:<9} {} samples dimmed; bias of the mean radiance {bias}", c.limit, c.samples));
+        print(&clamp_line(c));
     }
     print(&format!("dropped samples    {} NaN, {} infinite of {}", c.nan_samples, c.infinite_samples, c.samples));
     for path in outputs {
         print(&format!("wrote              {}", path.display()));
     }
+}
+
+/// What people are told of the firefly clamp.
+pub(super) fn clamp_line(c: &ClampSummary) -> String {
+    let bias = c.bias.map(|b| format!("{b:+.3e}")).join(" ");
+    format!("clamp at {:<9} {} samples dimmed; bias of the mean radiance {bias}", c.limit, c.samples)
 }

@@ -1,7 +1,7 @@
 //! The sums of a film as plain numbers, to be kept in a file and taken up again.
 
-use super::Film;
 use super::tile::Sum;
+use super::{Clamp, Film};
 
 /// Everything that a film has summed up.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -11,6 +11,8 @@ pub struct FilmState {
     /// Sums of splats of every pixel; empty without any.
     pub splats: Vec<[f64; 3]>,
     pub non_finite: u64,
+    /// The bound on samples, and what it has taken away.
+    pub clamp: Clamp,
 }
 
 impl Film {
@@ -20,6 +22,7 @@ impl Film {
             samples: self.sums.iter().copied().map(Sum::to_array).collect(),
             splats: self.splats.clone(),
             non_finite: self.non_finite,
+            clamp: self.clamp,
         }
     }
 
@@ -32,6 +35,7 @@ impl Film {
         self.sums = state.samples.iter().map(|&s| Sum::from_array(s)).collect();
         self.splats = state.splats.clone();
         self.non_finite = state.non_finite;
+        self.clamp = state.clamp;
         true
     }
 }

@@ -27,7 +27,7 @@ pub struct MapSummary {
 }
 
 /// What the firefly clamp did.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ClampSummary {
     pub limit: f32,
     /// Samples and splats that were dimmed.

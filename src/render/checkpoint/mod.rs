@@ -18,8 +18,8 @@ pub use error::CheckpointError;
 
 use super::doubt::{Bias, Doubt};
 use super::spread::Spread;
-use super::{MapSummary, Plan, Session};
-use crate::film::{Film, FilmState, ReconstructionFilter};
+use super::{ClampSummary, MapSummary, Plan, Session};
+use crate::film::{Clamp, Film, FilmState, ReconstructionFilter};
 use crate::image::{FilmWindow, Image};
 use crate::integrator::sppm::{SharedRadius, SharedStatistics};
 use crate::scene::Scene;
@@ -57,7 +57,7 @@ pub struct Checkpoint {
 /// Everything that decides what a pass adds to the picture, but for the scene's files.
 fn describe(scene: &Scene, plan: &Plan) -> String {
     format!(
-        "{:?}, seed {}, {} spp a pass, {:?}, {:?}, {:?}, error {} bias {}, stored photon maps {:?}",
+        "{:?}, seed {}, {} spp a pass, {:?}, {:?}, {:?}, error {} bias {}, clamp {:?}, stored photon maps {:?}",
         plan.method,
         plan.seed,
         plan.spp_per_pass,
@@ -66,6 +66,7 @@ fn describe(scene: &Scene, plan: &Plan) -> String {
         scene.film.filter,
         plan.track_error,
         plan.track_bias,
+        plan.clamp,
         plan.stored_maps.as_ref().map(|file| &file.parameters)
     )
 }
@@ -108,6 +109,11 @@ impl Checkpoint {
         self.ranges.iter().map(|r| r.end - r.start).fold(0, u64::saturating_add)
     }
 
+    /// What the firefly clamp has taken from these passes; `None` without one.
+    pub fn clamp(&self) -> Option<ClampSummary> {
+        ClampSummary::of(&self.film(), self.spp)
+    }
+
     fn film(&self) -> Film {
         let mut film = Film::new(self.window, self.filter);
         assert!(film.set_state(&self.film), "checked when it was read");
@@ -133,6 +139,7 @@ impl Checkpoint {
         c.floats(&mut self.film.samples)?;
         c.floats(&mut self.film.splats)?;
         c.word(&mut self.film.non_finite)?;
+        visit_clamp(&mut self.film.clamp, c)?;
         visit_doubt(&mut self.doubt, c)?;
         visit_counters(&mut self.counters, c)?;
         c.list(&mut self.maps, 8 * 4, MapSummary::default(), |c, m| visit_map(m, c))?;
@@ -198,6 +205,7 @@ impl<'s> Session<'s> {
         session.summary.counters = checkpoint.counters;
         session.summary.maps = checkpoint.maps.clone();
         session.summary.photon_memory = checkpoint.photon_memory;
+        session.summary.clamp = checkpoint.clamp();
         session.resumed_shared = (!checkpoint.shared.is_empty()).then(|| statistics_from(&checkpoint.shared));
         Ok(session)
     }
@@ -217,6 +225,15 @@ fn visit_window<C: Codec>(w: &mut FilmWindow, c: &mut C) -> Result<(), Malformed
         *side = u32::try_from(word).map_err(|_| Malformed)?;
     }
     Ok(())
+}
+
+fn visit_clamp<C: Codec>(clamp: &mut Clamp, c: &mut C) -> Result<(), Malformed> {
+    // A limit is positive: 0 stands for none.
+    let mut limit = clamp.limit.map_or(0.0, f64::from);
+    c.float(&mut limit)?;
+    clamp.limit = (limit != 0.0).then_some(limit as f32);
+    c.word(&mut clamp.count)?;
+    clamp.removed.iter_mut().try_for_each(|v| c.float(v))
 }
 
 fn visit_filter<C: Codec>(filter: &mut ReconstructionFilter, c: &mut C) -> Result<(), Malformed> {

@@ -66,6 +66,36 @@ fn a_resumed_render_has_the_bits_of_an_unbroken_one() {
 }
 
 #[test]
+fn the_clamp_outlives_a_checkpoint() {
+    let s = scene(false);
+    let mut p = plan(&s, "path", 0..6);
+    p.spp = None;
+    p.clamp = Some(0.9);
+    let part = |range, passes| {
+        let mut session = Session::new(&s, &Plan { passes: range, ..p.clone() });
+        advance(&mut session, passes);
+        session
+    };
+    let whole = part(0..6, 6).summary.clamp.expect("a clamp");
+    assert!(whole.samples > 0 && whole.bias[0] < 0.0, "{whole:?}");
+    // Resumed, before and after the next pass.
+    let first = part(0..6, 4);
+    let mut second = Session::resume(&s, &p, &through_file(&Checkpoint::of(&first))).expect("the same render");
+    assert_eq!(second.summary.clamp, first.summary.clamp);
+    advance(&mut second, 2);
+    assert_eq!(second.summary.clamp, Some(whole.clone()));
+    // Merged; sums of f64 in another order.
+    let parts = [part(0..2, 2), part(2..6, 4)].map(|s| Checkpoint::of(&s));
+    let merged = Checkpoint::merge(parts.to_vec()).expect("parts of one render").clamp().expect("a clamp");
+    assert_eq!((merged.limit, merged.samples), (whole.limit, whole.samples));
+    assert!((merged.bias[0] / whole.bias[0] - 1.0).abs() < 1e-12);
+    // Another limit is another plan.
+    let other = Plan { clamp: None, ..p.clone() };
+    let refused = Session::resume(&s, &other, &Checkpoint::of(&first)).map(|_| ());
+    assert!(matches!(refused, Err(CheckpointError::Plan { .. })), "{refused:?}");
+}
+
+#[test]
 fn merged_ranges_are_the_single_run() {
     for integrator in ["path", "ppm", "photonmapper"] {
         let s = scene(false);
