@@ -7,7 +7,7 @@ use bytemuck::{AnyBitPattern, NoUninit};
 /// Arrays from this many bytes on are mapped, with large pages where the system grants them.
 const LARGE: usize = 4 << 20;
 
-/// An array that starts with zeros and may grow up to the capacity that it was made with.
+/// An array of zeros that may grow up to the capacity that it was made with.
 #[derive(Debug)]
 pub(super) enum Pages<T> {
     Small(Vec<T>),
@@ -49,7 +49,7 @@ impl<T: AnyBitPattern + NoUninit> Pages<T> {
         &mut self[old..]
     }
 
-    /// Forgets what follows the first `len` elements.
+    /// Forgets what follows the first elements. Not to be extended afterwards: that would find what was forgotten.
     pub fn truncate(&mut self, to: usize) {
         match self {
             Self::Small(v) => v.truncate(to),

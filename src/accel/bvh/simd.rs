@@ -5,7 +5,7 @@ use std::mem::MaybeUninit;
 use super::binned::{self, Binning, Bins, Cost, PrimRef};
 use super::kernel::{Kernel, Portable};
 use super::traverse::{self, Best};
-use super::wide::{Block, Child, Node8, Tree, WIDTH};
+use super::wide::{Block, Child, Node8, Tree};
 use super::{Bvh, Isa};
 use crate::geometry::Ray;
 
@@ -105,7 +105,7 @@ mod x86 {
     use super::super::binned::{Box8, Union};
     use super::super::kernel::PAD;
     use super::super::traverse::{FAR_SCALE, SlabRay};
-    use super::super::wide::{Block, Child, FLAT_LANES, FlatBlock, Node8};
+    use super::super::wide::{Block, Child, FLAT_LANES, FlatBlock, Node8, WIDTH};
     use super::*;
     use crate::geometry::ShearedRay;
 

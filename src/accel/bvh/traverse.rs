@@ -9,7 +9,7 @@ use super::{Bvh, simd};
 use crate::geometry::{Hit, NO_INSTANCE, Ray, RefiningRay, Shape, ShearedRay, intersect_triangle};
 use crate::math::{Vec3, gamma};
 
-/// Entries of the traversal stack: seven siblings for each level of the deepest tree the builder makes.
+/// Entries of the traversal stack: seven siblings for each level of the deepest tree that the builder makes.
 pub(super) const STACK: usize = 1024;
 
 /// Widens the far side of a slab by the rounding of both sides [Ize 2013, "Robust BVH Ray Traversal"].

@@ -396,12 +396,12 @@ pub(super) fn build(mut refs: Pages<PrimRef>, bounds: Box8, parts: Parts) -> Opt
     let mut subtrees = Vec::new();
     let mut tasks = &tasks[..];
     while !tasks.is_empty() {
-        // As many tasks as make a round.
-        let mut total = 0;
+        // As many tasks as make a round. What is in it changes nothing in the tree.
+        let mut left = (ROUND * rayon::current_num_threads() * task) as isize;
         let more = |t: &&Task| {
-            let enough = total > ROUND * rayon::current_num_threads() * task;
-            total += t.len;
-            !enough
+            let more = left > 0;
+            left -= t.len as isize;
+            more
         };
         let (round, later) = tasks.split_at(tasks.iter().take_while(more).count());
         tasks = later;
