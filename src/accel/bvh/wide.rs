@@ -181,6 +181,10 @@ pub(super) struct Flat {
 impl Flat {
     /// `None` when there is too much, or an instance, or nothing.
     fn new(refs: &[PrimRef], parts: &Parts) -> Option<Self> {
+        // Of many, nothing has to be counted.
+        if refs.len() > FLAT_TRIANGLES + FLAT_SINGLES {
+            return None;
+        }
         let count = |kind| refs.iter().filter(|r| r.kind() == kind).count();
         let (triangles, quadrics) = (count(KIND_TRIANGLE), count(KIND_QUADRIC));
         let fits = triangles <= FLAT_TRIANGLES && quadrics <= FLAT_SINGLES && triangles + quadrics == refs.len();
