@@ -40,8 +40,15 @@ pub(super) trait Kernel: Copy {
         }
     }
 
-    /// Which triangles of the block pass the edge tests; bit 8 + lane says that an edge function was exactly zero.
-    fn block(&self, block: &Block) -> u32;
+    /// Which triangles of the block pass the edge tests; bit 8 + lane says that an edge function was exactly zero. Those may be
+    /// left out of which it is certain that f64 will not find them between the origin and `limit`.
+    fn block(&self, block: &Block, limit: f32) -> u32;
+
+    /// The same, or `None` where it is certain that f64 will find a hit between the origin and `within`.
+    #[inline(always)]
+    fn block_any(&self, block: &Block, _within: f32, limit: f32) -> Option<u32> {
+        Some(self.block(block, limit))
+    }
 
     /// As `block`, bit 16 + lane for zeros, without triangles that lie behind the origin or beyond `limit` as a whole; the
     /// distances of their nearest corners, to a relative error of 3 ε, go to `near`.
@@ -93,7 +100,7 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
-    fn block(&self, block: &Block) -> u32 {
+    fn block(&self, block: &Block, _limit: f32) -> u32 {
         let ([kx, ky, kz], [sx, sy, _]) = (self.k, self.s);
         let mut mask = 0;
         for i in 0..LANES {

@@ -241,6 +241,46 @@ fn boxes_are_not_missed_far_from_the_origin() {
     assert!(hits > 2000, "{hits}");
 }
 
+/// Rays that graze a plane of small triangles, where edge functions are noise: what is found in f32 to be hit for certain is
+/// hit.
+#[test]
+fn grazing_rays_are_answered_alike() {
+    let mut rng = Random::new(8);
+    let (n, s, t) = (24, Vec3::new(0.9, 0.3, -0.2), Vec3::new(-0.1, 0.8, 0.4));
+    let normal = s.cross(t).normalize();
+    for offset in [0.0, 1.0, 1e3] {
+        let at = |u: f32, v: f32| Vec3::splat(offset) + u * s + v * t;
+        let grid = |i: u32| at((i % (n + 1)) as f32 / n as f32, (i / (n + 1)) as f32 / n as f32);
+        let cell = |i: u32| {
+            let a = i % n + i / n * (n + 1);
+            [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]]
+        };
+        let mesh = TriangleMesh {
+            positions: (0..(n + 1) * (n + 1)).map(grid).collect::<Vec<_>>().into(),
+            indices: (0..n * n).flat_map(cell).collect(),
+            ..Default::default()
+        };
+        let mut bvh = Bvh::build(mesh_set(mesh)).expect("small");
+        let mut hits = 0;
+        for i in 0..3000 {
+            let (a, b) = (at(rng.unit(), rng.unit()), at(rng.unit(), rng.unit()));
+            let height = [0.0, 1e-8, 1e-7, 1e-6, 1e-3][i % 5] * (2.0 * rng.unit() - 1.0);
+            let fall = [0.0, 1e-7, 1e-4, 1.0][i % 4] * (2.0 * rng.unit() - 1.0);
+            let d = if i % 3 == 0 { normal } else { b - a + fall * normal };
+            let ray = Ray::segment(a + height * normal - d * (i / 1000) as f32, d, [0.999, 1.0, 3.5][i % 3]);
+            bvh.isa = Isa::Portable;
+            let expected = bvh.intersect(&ray);
+            hits += usize::from(expected.is_some());
+            for isa in available() {
+                bvh.isa = isa;
+                assert_eq!(bvh.intersect(&ray), expected, "{isa:?} {ray:?}");
+                assert_eq!(bvh.occluded(&ray), expected.is_some(), "{isa:?} {ray:?}");
+            }
+        }
+        assert!((500..2500).contains(&hits), "{hits}");
+    }
+}
+
 #[test]
 fn undefined_rays_hit_nothing() {
     let mut rng = Random::new(3);

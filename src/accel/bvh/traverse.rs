@@ -15,6 +15,9 @@ pub(super) const STACK: usize = 1024;
 /// Widens the far side of a slab by the rounding of both sides [Ize 2013, "Robust BVH Ray Traversal"].
 pub(super) const FAR_SCALE: f32 = 1.0 + 2.0 * gamma(3);
 
+/// Narrows an upper limit by the rounding of a distance along the ray that is computed in f32.
+const NEAR_SCALE: f32 = 1.0 - 8.0 * f32::EPSILON;
+
 /// A ray prepared for slab tests.
 #[derive(Clone, Copy)]
 pub(super) struct SlabRay {
@@ -132,6 +135,7 @@ fn walk_any<K: Kernel>(
     let mut stack = [const { MaybeUninit::<Child>::uninit() }; STACK + WIDTH];
     let mut size = 0;
     let limit = best.t * FAR_SCALE;
+    let within = best.t * NEAR_SCALE;
     let mut current = tree.root;
     loop {
         if current.is_node() {
@@ -149,7 +153,11 @@ fn walk_any<K: Kernel>(
         } else {
             if current.kind() == 0 {
                 for block in simd::blocks_of(blocks, current) {
-                    test_block(kernel, block, ray, sheared, &refining, placed, best);
+                    let Some(mask) = kernel.block_any(block, within, limit) else {
+                        best.found = true;
+                        return;
+                    };
+                    decide(mask, block, ray, sheared, &refining, placed, best);
                 }
             } else {
                 single::<true>(bvh, tree, ray, current, placed, best);
@@ -244,7 +252,7 @@ fn walk_nearest<K: Kernel>(
         if !missed {
             if current.kind() == 0 {
                 for block in simd::blocks_of(blocks, current) {
-                    test_block(kernel, block, ray, sheared, &refining, placed, best);
+                    decide(kernel.block(block, best.t * FAR_SCALE), block, ray, sheared, &refining, placed, best);
                 }
             } else {
                 single::<false>(bvh, tree, ray, current, placed, best);
@@ -267,10 +275,10 @@ fn walk_nearest<K: Kernel>(
     }
 }
 
-/// Tests the triangles of a block; the few that pass in f32 are decided in f64.
+/// Decides in f64 about the few triangles of a block that pass in f32.
 #[inline(always)]
-fn test_block<K: Kernel>(
-    kernel: &K,
+fn decide(
+    mut mask: u32,
     block: &Block,
     ray: &Ray,
     sheared: &ShearedRay,
@@ -278,7 +286,6 @@ fn test_block<K: Kernel>(
     placed: u32,
     best: &mut Best,
 ) {
-    let mut mask = kernel.block(block);
     while mask & 0xff != 0 {
         let lane = mask.trailing_zeros() as usize % LANES;
         let on_edge = mask >> (8 + lane) & 1 != 0;
