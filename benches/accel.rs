@@ -5,15 +5,17 @@
 //! the first rival; rivals take turns within a round, so that a disturbance of the machine meets all of them.
 //!
 //! `cargo bench --features rivals --bench accel -- [--meshes terrain:100000,flake:1000000] [--rays N] [--rounds N] [--classes a,b] [--rivals a,b]
-//! [FILE.obj]…`
-//! with the rivals `embree`, `bvh` (this crate), `isa` (its other instruction sets), `obvhs`, `obvhs-best`, `crate-bvh`.
+//! [--sorted] [FILE.obj]…`
+//! with the rivals `embree`, `bvh` (this crate), `isa` (its other instruction sets), `obvhs`, `obvhs-best`, `crate-bvh`;
+//! `--sorted` tells what closest-hit rays would gain from being sorted first;
+//! `embree` and `bvh` may be followed by `:fast` or `:high` (quality of the tree) and `:f32` (the fast mode).
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use caustica::accel::{Accel, AccelKind, Bvh, Isa};
+use caustica::accel::{Accel, AccelKind, AccelOptions, Bvh, Isa, Mode, Quality};
 use caustica::geometry::{GeometrySet, Ray, Shape, TriangleMesh, generate};
-use caustica::math::{Frame, Vec2, Vec3};
+use caustica::math::{Bounds3, Frame, Vec2, Vec3};
 use caustica::sample::{mix64, warp};
 use rayon::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
@@ -31,6 +33,8 @@ struct Options {
     rivals: Vec<String>,
     /// All of them when empty.
     classes: Vec<String>,
+    /// Measure sorted rays too.
+    sorted: bool,
 }
 
 impl Options {
@@ -43,6 +47,7 @@ impl Options {
             rounds: 5,
             rivals: split("embree,bvh,obvhs,obvhs-best,crate-bvh"),
             classes: Vec::new(),
+            sorted: false,
         };
         let mut files = Vec::new();
         let mut args = std::env::args().skip(1);
@@ -53,6 +58,7 @@ impl Options {
                 "--meshes" => o.meshes = split(&value()),
                 "--rays" => o.rays = value().parse().expect("a number of rays"),
                 "--rounds" => o.rounds = value().parse().expect("a number of rounds"),
+                "--sorted" => o.sorted = true,
                 "--classes" => o.classes = split(&value()),
                 "--rivals" => o.rivals = split(&value()),
                 file => files.push(file.to_owned()),
@@ -171,6 +177,27 @@ fn ray_classes(set: &GeometrySet, accel: &Accel, count: usize) -> Vec<Class> {
         }
     }
     classes
+}
+
+/// The rays along a Morton curve of their origins, and of their directions where origins are in one cell.
+fn sorted(rays: &[Ray], bounds: &Bounds3) -> Vec<(u64, u32)> {
+    let morton = |p: Vec3| {
+        let spread = |x: f32| {
+            let x = ((x * 1024.0) as u64).min(1023);
+            let x = (x | x << 16) & 0x030000ff;
+            let x = (x | x << 8) & 0x0300f00f;
+            let x = (x | x << 4) & 0x030c30c3;
+            (x | x << 2) & 0x09249249
+        };
+        spread(p.x) | spread(p.y) << 1 | spread(p.z) << 2
+    };
+    let key = |r: &Ray| {
+        let direction = r.d / r.d.abs().max_element() * 0.5 + 0.5;
+        morton((r.o - bounds.min) / bounds.extent()) << 30 | morton(direction)
+    };
+    let mut keys: Vec<(u64, u32)> = rays.par_iter().zip(0..rays.len() as u32).map(|(r, i)| (key(r), i)).collect();
+    keys.par_sort_unstable();
+    keys
 }
 
 /// One contender: a finished tree.
@@ -338,6 +365,26 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
+/// The back end and the options that a name on the command line stands for.
+fn own(rival: &str) -> Option<(AccelKind, AccelOptions)> {
+    let mut words = rival.split(':');
+    let kind = match words.next()? {
+        "embree" => AccelKind::Embree,
+        "bvh" => AccelKind::Bvh,
+        _ => return None,
+    };
+    let mut options = AccelOptions::default();
+    for word in words {
+        match word {
+            "fast" => options.quality = Quality::Fast,
+            "high" => options.quality = Quality::High,
+            "f32" => options.mode = Mode::Fast,
+            _ => panic!("unknown option {word}: fast, high or f32"),
+        }
+    }
+    Some((kind, options))
+}
+
 /// The contenders in the order of the command line, with the median build time.
 fn build_all(options: &Options, set: &Arc<GeometrySet>, triangles: usize) -> Vec<Contender> {
     let mut rivals: Vec<Contender> = Vec::new();
@@ -354,20 +401,20 @@ fn build_all(options: &Options, set: &Arc<GeometrySet>, triangles: usize) -> Vec
         rivals.push((name, last.expect("built at least once"), (median(wall), median(cpu))));
     };
     for rival in &options.rivals {
-        match rival.as_str() {
-            "embree" => match Accel::build(AccelKind::Embree, set.clone()) {
+        if let Some((kind, options)) = own(rival) {
+            match Accel::build_with(kind, options, set.clone()) {
                 Ok(a) => {
-                    let name = a.description();
+                    let name = format!("{}{}", a.description(), rival.trim_start_matches(|c| c != ':'));
                     drop(a);
                     build(name, false, &|| {
-                        Box::new(Accel::build(AccelKind::Embree, set.clone()).expect("built before"))
+                        Box::new(Accel::build_with(kind, options, set.clone()).expect("built before"))
                     });
                 }
-                Err(e) => println!("no embree: {e}"),
-            },
-            "bvh" => build(format!("Rust BVH {}", Isa::detect().name()), false, &|| {
-                Box::new(Accel::build(AccelKind::Bvh, set.clone()).expect("small enough"))
-            }),
+                Err(e) => println!("no {rival}: {e}"),
+            }
+            continue;
+        }
+        match rival.as_str() {
             "isa" => {
                 for isa in Isa::ALL.into_iter().filter(|i| i.is_available() && *i != Isa::detect()) {
                     build(format!("Rust BVH {}", isa.name()), true, &|| {
@@ -435,6 +482,29 @@ fn main() {
                     "  {:10} {rival:28} {rate:8.3} M/s per core {ratio:6.3}  differ {share:.1e} by {worst:.1e}",
                     class.name
                 );
+            }
+            if !options.sorted || class.any {
+                continue;
+            }
+            for (rival, tree, _) in &rivals {
+                // On the wall, as what sorting is to save is time of both threads waiting for memory.
+                let wall = |class: &Class| {
+                    let start = Instant::now();
+                    tree.run(class);
+                    start.elapsed().as_secs_f64()
+                };
+                let mut gains = vec![Vec::new(); 2];
+                for _ in 0..options.rounds {
+                    let start = Instant::now();
+                    let order = sorted(&class.rays, &set.bounds());
+                    let rays = order.par_iter().map(|&(_, i)| class.rays[i as usize]).collect();
+                    let sort = start.elapsed().as_secs_f64();
+                    let (plain, sorted) = (wall(&class), wall(&Class { rays, ..class }));
+                    gains[0].push(plain / sorted);
+                    gains[1].push(plain / (sort + sorted));
+                }
+                let [traced, whole] = [0, 1].map(|i| median(gains[i].clone()));
+                println!("  {:10} {rival:28} sorted {traced:.2} times as fast, with the sort {whole:.2}", class.name);
             }
         }
     }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use embree4_sys as rtc;
 use glam::Vec3;
 
-use super::AccelError;
+use super::{AccelError, AccelOptions, Mode, Quality};
 use crate::geometry::{GeometrySet, Hit, NO_INSTANCE, Ray, Shape, TriangleMesh, is_traceable};
 
 /// Embree's tree over all geometry of a scene.
@@ -16,12 +16,13 @@ pub struct EmbreeAccel {
     top: rtc::CommittedScene,
     /// Embree's id of all analytic shapes of a scene together; meshes have their shape's index as id.
     quadrics: u32,
+    options: AccelOptions,
 }
 
 impl EmbreeAccel {
     /// Builds the tree with Embree's threads; the result does not depend on their number.
-    pub fn build(set: Arc<GeometrySet>) -> Result<Self, AccelError> {
-        build(&set).map_err(|e| AccelError::Embree(e.to_string()))
+    pub fn build(set: Arc<GeometrySet>, options: AccelOptions) -> Result<Self, AccelError> {
+        build(&set, options).map_err(|e| AccelError::Embree(e.to_string()))
     }
 
     /// The nearest hit along `ray`.
@@ -46,7 +47,7 @@ impl EmbreeAccel {
 
     /// Name, version and instruction set, for people.
     pub fn description(&self) -> String {
-        format!("Embree {}, {}", self.top.device().version(), self.top.device().isa())
+        format!("Embree {}, {}{}", self.top.device().version(), self.top.device().isa(), self.options.description())
     }
 
     /// Embree's scene, to measure the cost of this layer above it.
@@ -76,23 +77,33 @@ fn query(ray: &Ray) -> rtc::Ray {
     }
 }
 
-fn build(set: &Arc<GeometrySet>) -> Result<EmbreeAccel, rtc::Error> {
+fn build(set: &Arc<GeometrySet>, options: AccelOptions) -> Result<EmbreeAccel, rtc::Error> {
     let device = rtc::Device::new("")?;
     let quadrics = set.shapes.len() as u32;
     // Build each group once, then place it.
-    let group = |shapes: &Vec<u32>| scene_of(&device, set, shapes)?.commit().map(Arc::new);
+    let group = |shapes: &Vec<u32>| scene_of(&device, set, shapes, options)?.commit().map(Arc::new);
     let groups = set.groups.iter().map(group).collect::<Result<Vec<_>, _>>()?;
-    let mut top = scene_of(&device, set, &set.top)?;
+    let mut top = scene_of(&device, set, &set.top, options)?;
     for (id, instance) in (quadrics + 1..).zip(&set.instances) {
         let columns = instance.to_world.matrix().as_mat4().to_cols_array_2d().map(|[x, y, z, _]| [x, y, z]);
         top.add_instance(id, groups[instance.group as usize].clone(), columns)?;
     }
-    Ok(EmbreeAccel { top: top.commit()?, quadrics })
+    Ok(EmbreeAccel { top: top.commit()?, quadrics, options })
 }
 
 /// A scene of some of the shapes.
-fn scene_of(device: &rtc::Device, set: &Arc<GeometrySet>, shapes: &[u32]) -> Result<rtc::Scene, rtc::Error> {
-    let mut scene = rtc::Scene::new(device)?;
+fn scene_of(
+    device: &rtc::Device,
+    set: &Arc<GeometrySet>,
+    shapes: &[u32],
+    options: AccelOptions,
+) -> Result<rtc::Scene, rtc::Error> {
+    let quality = match options.quality {
+        Quality::Fast => rtc::Quality::Low,
+        Quality::Default => rtc::Quality::Medium,
+        Quality::High => rtc::Quality::High,
+    };
+    let mut scene = rtc::Scene::with(device, quality, options.mode == Mode::Robust)?;
     let mut quadrics = Vec::new();
     for &shape in shapes {
         match &set.shapes[shape as usize] {
@@ -166,7 +177,7 @@ mod tests {
     }
 
     fn built(set: GeometrySet) -> EmbreeAccel {
-        EmbreeAccel::build(Arc::new(set)).expect("Embree works on this machine")
+        EmbreeAccel::build(Arc::new(set), AccelOptions::default()).expect("Embree works on this machine")
     }
 
     #[test]
@@ -209,6 +220,21 @@ mod tests {
         assert_eq!((from_below.t, from_below.shape, from_below.prim, from_below.instance), (1.0, 0, 0, 1));
         let ground = accel.intersect(&Ray::new(Vec3::new(0.5, 0.2, -1.0), -Vec3::Z)).expect("ground");
         assert_eq!((ground.t, ground.shape, ground.instance), (7.0, 2, NO_INSTANCE));
+    }
+
+    #[test]
+    fn every_quality_and_mode_finds_the_same() {
+        let shapes: Vec<Shape> = (0..200).map(|i| square(i as f32)).collect();
+        let set = Arc::new(GeometrySet { top: (0..200).collect(), shapes, ..Default::default() });
+        for quality in [Quality::Fast, Quality::Default, Quality::High] {
+            for mode in [Mode::Robust, Mode::Fast] {
+                let options = AccelOptions { quality, mode };
+                let accel = EmbreeAccel::build(set.clone(), options).expect("Embree works on this machine");
+                let hit = accel.intersect(&Ray::new(Vec3::new(0.3, 0.1, 99.5), Vec3::Z)).expect("hit");
+                assert_eq!((hit.t, hit.shape, hit.prim), (0.5, 100, 0), "{options:?}");
+                assert_eq!(accel.description().ends_with("fast mode"), mode == Mode::Fast);
+            }
+        }
     }
 
     #[test]

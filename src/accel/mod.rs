@@ -31,6 +31,49 @@ pub enum AccelKind {
     Bvh,
 }
 
+/// How much time a build may take for the sake of the queries.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// Embree: LOW. Rust BVH: planes on one axis only.
+    Fast,
+    /// Embree: MEDIUM. Rust BVH: binned SAH.
+    #[default]
+    Default,
+    /// Embree: HIGH, whose trees may differ from run to run, and with them which of two hits at the same distance is found.
+    /// Rust BVH: more bins, and boxes of large triangles are cut.
+    High,
+}
+
+/// How triangles are tested.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mode {
+    /// Watertight along shared edges.
+    #[default]
+    Robust,
+    /// In f32 throughout; rays at edges may slip through, and distances are less exact.
+    Fast,
+}
+
+impl AccelOptions {
+    /// What is not as usual, for people; begins with a comma where there is anything.
+    fn description(&self) -> String {
+        let quality = match self.quality {
+            Quality::Fast => ", built fast",
+            Quality::Default => "",
+            Quality::High => ", built with care",
+        };
+        let mode = if self.mode == Mode::Fast { ", fast mode" } else { "" };
+        format!("{quality}{mode}")
+    }
+}
+
+/// How a back end builds its tree and searches it. Neither changes what a picture converges to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AccelOptions {
+    pub quality: Quality,
+    pub mode: Mode,
+}
+
 /// Why a back end could not be built.
 #[derive(Debug, thiserror::Error)]
 pub enum AccelError {
@@ -54,24 +97,29 @@ pub enum Accel {
 impl Accel {
     /// Builds the back end `kind` over `set`.
     pub fn build(kind: AccelKind, set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
+        Self::build_with(kind, AccelOptions::default(), set)
+    }
+
+    /// Builds the back end `kind` over `set` as `options` ask.
+    pub fn build_with(kind: AccelKind, options: AccelOptions, set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
         match kind {
-            AccelKind::Auto => Self::embree(&set).or_else(|_| Self::bvh(set)),
-            AccelKind::Embree => Self::embree(&set),
-            AccelKind::Bvh => Self::bvh(set),
+            AccelKind::Auto => Self::embree(options, &set).or_else(|_| Self::bvh(options, set)),
+            AccelKind::Embree => Self::embree(options, &set),
+            AccelKind::Bvh => Self::bvh(options, set),
         }
     }
 
-    fn bvh(set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
-        Bvh::build(set).map(Accel::Bvh).ok_or(AccelError::TooLarge)
+    fn bvh(options: AccelOptions, set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
+        Bvh::build_with(set, options).map(Accel::Bvh).ok_or(AccelError::TooLarge)
     }
 
     #[cfg(embree)]
-    fn embree(set: &Arc<GeometrySet>) -> Result<Accel, AccelError> {
-        EmbreeAccel::build(set.clone()).map(Accel::Embree)
+    fn embree(options: AccelOptions, set: &Arc<GeometrySet>) -> Result<Accel, AccelError> {
+        EmbreeAccel::build(set.clone(), options).map(Accel::Embree)
     }
 
     #[cfg(not(embree))]
-    fn embree(_: &Arc<GeometrySet>) -> Result<Accel, AccelError> {
+    fn embree(_: AccelOptions, _: &Arc<GeometrySet>) -> Result<Accel, AccelError> {
         Err(AccelError::NotBuiltIn)
     }
 
@@ -93,12 +141,6 @@ impl Accel {
             Accel::Embree(a) => a.occluded(ray),
             Accel::Bvh(a) => a.occluded(ray),
         }
-    }
-
-    /// Replaces `hits` by the nearest hit of each ray, in order.
-    pub fn intersect_batch(&self, rays: &[Ray], hits: &mut Vec<Option<Hit>>) {
-        hits.clear();
-        hits.extend(rays.iter().map(|r| self.intersect(r)));
     }
 
     /// Bytes held by the acceleration structure, without the geometry itself.

@@ -7,7 +7,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::accel::{Accel, AccelError, AccelKind};
+use crate::accel::{Accel, AccelError, AccelKind, AccelOptions};
 use crate::geometry::Hit;
 use crate::scene::Scene;
 pub use rays::{Class, RayClass, collect};
@@ -58,13 +58,18 @@ pub struct Contender {
 ///
 /// # Errors
 /// When this build or machine does not have the back end.
-pub fn contender(scene: &Scene, kind: AccelKind, rounds: usize) -> Result<Contender, AccelError> {
+pub fn contender(
+    scene: &Scene,
+    kind: AccelKind,
+    options: AccelOptions,
+    rounds: usize,
+) -> Result<Contender, AccelError> {
     let mut seconds = Vec::new();
     let mut last = None;
     for _ in 0..rounds.max(1) {
         drop(last.take());
         let started = Instant::now();
-        last = Some(Accel::build(kind, scene.geometry.clone())?);
+        last = Some(Accel::build_with(kind, options, scene.geometry.clone())?);
         seconds.push(started.elapsed().as_secs_f64());
     }
     let accel = last.expect("at least one round");

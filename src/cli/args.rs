@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::accel::AccelKind;
+use crate::accel::{AccelKind, AccelOptions, Mode, Quality};
 use crate::integrator::Layer;
 use crate::scene::{Item, NeedOverride};
 
@@ -62,6 +62,54 @@ impl From<AccelArg> for AccelKind {
     }
 }
 
+/// How much time building the tree of ray queries may take.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum QualityArg {
+    /// Quick to build: for a few samples of a large mesh.
+    Fast,
+    #[default]
+    Default,
+    /// Slow to build, faster where large triangles lie among small ones. Of Embree's trees, two of this quality need not be
+    /// the same.
+    Quality,
+}
+
+/// How triangles are tested.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum ModeArg {
+    /// No ray slips through between triangles that share an edge.
+    #[default]
+    Robust,
+    /// Faster, in single precision throughout; rays at edges may slip through.
+    Fast,
+}
+
+/// How the ray-query back ends build and search their trees.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct TreeArgs {
+    /// How much time building the tree of ray queries may take.
+    #[arg(long, value_enum, default_value_t)]
+    pub accel_quality: QualityArg,
+    /// How triangles are tested.
+    #[arg(long, value_enum, default_value_t)]
+    pub accel_mode: ModeArg,
+}
+
+impl From<TreeArgs> for AccelOptions {
+    fn from(a: TreeArgs) -> Self {
+        let quality = match a.accel_quality {
+            QualityArg::Fast => Quality::Fast,
+            QualityArg::Default => Quality::Default,
+            QualityArg::Quality => Quality::High,
+        };
+        let mode = match a.accel_mode {
+            ModeArg::Robust => Mode::Robust,
+            ModeArg::Fast => Mode::Fast,
+        };
+        Self { quality, mode }
+    }
+}
+
 /// What every command that reads a scene takes.
 #[derive(Debug, Args)]
 pub struct SceneArgs {
@@ -73,6 +121,8 @@ pub struct SceneArgs {
     /// Ray-query back end.
     #[arg(long, value_enum, default_value_t)]
     pub accel: AccelArg,
+    #[command(flatten)]
+    pub tree: TreeArgs,
     /// Film width in pixels; the height follows if it is not given.
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub width: Option<u32>,
@@ -363,6 +413,8 @@ pub struct BenchArgs {
     /// Ray-query back ends.
     #[arg(long, value_enum, default_value_t)]
     pub accel: BenchAccel,
+    #[command(flatten)]
+    pub tree: TreeArgs,
     /// Classes of rays: primary, shadow, diffuse, gather, photon. Default: all.
     #[arg(long, value_name = "CLASS,…", value_delimiter = ',')]
     pub rays: Vec<String>,

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::args::{BenchAccel, BenchArgs};
 use super::{CliError, bytes, human, print};
-use crate::accel::{AccelKind, embree_available};
+use crate::accel::{AccelKind, AccelOptions, embree_available};
 use crate::bench::{Build, Class, Contender, Rate, collect, contender, measure};
 use crate::render::{Control, Plan, PlanOverrides, Silent, render};
 use crate::scene::{LoadOptions, Scene};
@@ -41,7 +41,7 @@ pub fn run(a: &BenchArgs) -> Result<u8, CliError> {
     super::set_threads(a.threads)?;
     let classes = classes(&a.rays)?;
     let mut scene = load(a)?;
-    let contenders = contenders(&scene, a.accel)?;
+    let contenders = contenders(&scene, a.accel, a.tree.into())?;
     let mut report = Report {
         scene: a.scene.display().to_string(),
         triangles: scene.stats.triangles,
@@ -104,13 +104,13 @@ fn classes(names: &[String]) -> Result<Vec<Class>, CliError> {
     if names.is_empty() { Ok(Class::ALL.to_vec()) } else { names.iter().map(one).collect() }
 }
 
-fn contenders(scene: &Scene, wanted: BenchAccel) -> Result<Vec<Contender>, CliError> {
+fn contenders(scene: &Scene, wanted: BenchAccel, options: AccelOptions) -> Result<Vec<Contender>, CliError> {
     let kinds: &[AccelKind] = match wanted {
         BenchAccel::All if embree_available() => &[AccelKind::Embree, AccelKind::Bvh],
         BenchAccel::All | BenchAccel::Bvh => &[AccelKind::Bvh],
         BenchAccel::Embree => &[AccelKind::Embree],
     };
-    let build = |&kind| contender(scene, kind, BUILDS).map_err(|e| CliError::Usage(e.to_string()));
+    let build = |&kind| contender(scene, kind, options, BUILDS).map_err(|e| CliError::Usage(e.to_string()));
     kinds.iter().map(build).collect()
 }
 

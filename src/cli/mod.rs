@@ -140,6 +140,7 @@ fn load_scene(a: &args::SceneArgs) -> Result<crate::scene::Scene, CliError> {
     let options = crate::scene::LoadOptions {
         defines: a.defines.clone(),
         accel: a.accel.into(),
+        accel_options: a.tree.into(),
         width: a.width,
         height: a.height,
         needs: a.needs.clone(),

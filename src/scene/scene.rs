@@ -7,7 +7,7 @@ use super::load::{self, ToScene};
 use super::nested::Nested;
 use super::xml::{Document, ParseOptions};
 use super::{FilmSettings, IntegratorSettings, NeedOverride, SamplerSettings, SceneError};
-use crate::accel::{Accel, AccelKind};
+use crate::accel::{Accel, AccelKind, AccelOptions};
 use crate::bsdf::{self, Bsdf, LobeMask, Material, MaterialId};
 use crate::camera::Camera;
 use crate::color::Rgb;
@@ -22,6 +22,7 @@ pub struct LoadOptions {
     /// `-D key=value` pairs; they win over `<default>`.
     pub defines: Vec<(String, String)>,
     pub accel: AccelKind,
+    pub accel_options: AccelOptions,
     /// Film size in place of the file's; with one of them the proportions stay.
     pub width: Option<u32>,
     pub height: Option<u32>,

@@ -7,7 +7,7 @@
 //! which is immutable and can be asked by many threads at once. Buffers are shared, not copied: a scene keeps
 //! their owners alive.
 //!
-//! Every scene is built at MEDIUM quality, since HIGH is not deterministic, and with the ROBUST flag.
+//! Unless told otherwise a scene is built at MEDIUM quality, since HIGH is not deterministic, and with the ROBUST flag.
 
 /// Version of the headers that the bindings were made from; `None` when the crate was built without Embree.
 pub const HEADER_VERSION: Option<&str> = option_env!("EMBREE_HEADER_VERSION");
@@ -40,6 +40,6 @@ pub use packet::Packet16;
 #[cfg(embree)]
 pub use ray::{Hit, NO_INSTANCE, Ray};
 #[cfg(embree)]
-pub use scene::{Scene, TriangleBuffers};
+pub use scene::{Quality, Scene, TriangleBuffers};
 #[cfg(embree)]
 pub use user::{UserGeometry, UserHit};

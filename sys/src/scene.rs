@@ -67,14 +67,39 @@ impl Drop for Geometry {
     }
 }
 
+/// How much time a build may take for the sake of the queries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    Low,
+    Medium,
+    /// Not deterministic: the tree may differ from run to run.
+    High,
+}
+
+impl Quality {
+    fn raw(self) -> raw::RTCBuildQuality {
+        match self {
+            Self::Low => raw::RTC_BUILD_QUALITY_LOW,
+            Self::Medium => raw::RTC_BUILD_QUALITY_MEDIUM,
+            Self::High => raw::RTC_BUILD_QUALITY_HIGH,
+        }
+    }
+}
+
 /// A scene under construction. Geometry ids are the caller's choice; Embree keeps tables up to the largest.
 pub struct Scene {
     handle: Handle,
+    quality: Quality,
 }
 
 impl Scene {
     /// An empty scene, to be built at MEDIUM quality with the ROBUST flag.
     pub fn new(device: &Device) -> Result<Self, Error> {
+        Self::with(device, Quality::Medium, true)
+    }
+
+    /// An empty scene; `robust` sets the ROBUST flag, which makes queries watertight.
+    pub fn with(device: &Device, quality: Quality, robust: bool) -> Result<Self, Error> {
         // SAFETY: the device is live.
         let raw = unsafe { raw::rtcNewScene(device.raw()) };
         if raw.is_null() {
@@ -83,11 +108,11 @@ impl Scene {
         let handle = Handle { raw, device: device.clone(), keep: Vec::new() };
         // SAFETY: the scene is live and not committed.
         unsafe {
-            raw::rtcSetSceneFlags(raw, raw::RTC_SCENE_FLAG_ROBUST);
-            raw::rtcSetSceneBuildQuality(raw, raw::RTC_BUILD_QUALITY_MEDIUM);
+            raw::rtcSetSceneFlags(raw, if robust { raw::RTC_SCENE_FLAG_ROBUST } else { raw::RTC_SCENE_FLAG_NONE });
+            raw::rtcSetSceneBuildQuality(raw, quality.raw());
         }
         device.check()?;
-        Ok(Self { handle })
+        Ok(Self { handle, quality })
     }
 
     /// Adds a triangle mesh without copying it. `buffers` is asked once; the scene keeps `owner`.
@@ -169,6 +194,7 @@ impl Scene {
         self.handle.keep.push(owner);
         // SAFETY: both handles are live, and the scene is not committed.
         unsafe {
+            raw::rtcSetGeometryBuildQuality(geometry.0, self.quality.raw());
             raw::rtcCommitGeometry(geometry.0);
             raw::rtcAttachGeometryByID(self.handle.raw, geometry.0, id);
         }

@@ -109,18 +109,24 @@ impl PrimRef {
     }
 }
 
-/// The cost model of the surface area heuristic, in units of one wide-node step.
+/// How carefully ranges are parted, and the cost model of the surface area heuristic, in units of one wide-node step.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Cost {
+pub(super) struct Recipe {
     /// Cost of one leaf block.
     pub block: f32,
     /// Cost of one binary step.
     pub step: f32,
     /// Largest leaf.
     pub max_leaf: usize,
+    /// Bins of the shortest ranges.
+    pub least_bins: usize,
+    /// References for which there is one bin more.
+    pub refs_per_bin: usize,
+    /// Looks for planes on the longest axis only.
+    pub one_axis: bool,
 }
 
-impl Cost {
+impl Recipe {
     #[inline(always)]
     fn leaf(&self, n: usize) -> f32 {
         n.div_ceil(LANES) as f32 * self.block
@@ -134,32 +140,40 @@ pub(super) struct Binning {
     scale: Vec4,
     /// Bins in use: few for short ranges, where sweeping over bins would cost more than filling them.
     bins: usize,
+    /// First axis that is looked at, and the one behind the last.
+    axes: (usize, usize),
 }
 
 impl Binning {
     /// For centroids, doubled, that lie between two corners.
-    fn new(lower: Vec4, upper: Vec4, refs: usize) -> Self {
-        let bins = (6 + refs / 16).min(BINS);
+    fn new(lower: Vec4, upper: Vec4, refs: usize, recipe: &Recipe) -> Self {
+        let bins = (recipe.least_bins + refs / recipe.refs_per_bin).min(BINS);
         let extent = upper - lower;
+        let axes = if recipe.one_axis {
+            let longest = extent.xyz().max_position();
+            (longest, longest + 1)
+        } else {
+            (0, 3)
+        };
         // A flat axis gets scale 0 and all its centroids fall into bin 0.
         let scale = |e: f32| if e > 0.0 && (bins as f32 / e).is_finite() { bins as f32 * 0.9999 / e } else { 0.0 };
-        Self { origin: lower, scale: Vec4::new(scale(extent.x), scale(extent.y), scale(extent.z), 0.0), bins }
+        Self { origin: lower, scale: Vec4::new(scale(extent.x), scale(extent.y), scale(extent.z), 0.0), bins, axes }
     }
 
     /// Reads the centroids.
-    fn exact(refs: &[PrimRef]) -> Self {
+    fn exact(refs: &[PrimRef], recipe: &Recipe) -> Self {
         let (mut lower, mut upper) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
         for r in refs {
             let c = r.centroid();
             (lower, upper) = (lower.min(c), upper.max(c));
         }
-        Self::new(lower, upper, refs.len())
+        Self::new(lower, upper, refs.len(), recipe)
     }
 
     /// Takes the box of the centroids to be as large as the box of the references.
-    fn loose(bounds: &Box8, refs: usize) -> Self {
+    fn loose(bounds: &Box8, refs: usize, recipe: &Recipe) -> Self {
         let (lower, upper) = (bounds.lower(), -bounds.negated_upper());
-        Self::new(lower + lower, upper + upper, refs)
+        Self::new(lower + lower, upper + upper, refs, recipe)
     }
 
     #[inline(always)]
@@ -187,6 +201,7 @@ pub(super) struct Bins {
     boxes: [[Box8; BINS]; 3],
     counts: Counts,
     used: usize,
+    axes: (usize, usize),
 }
 
 /// Where a range is parted, and what lies on either side.
@@ -202,15 +217,24 @@ struct Plane {
 }
 
 impl Bins {
-    pub const EMPTY: Self = Self { boxes: [[Box8::EMPTY; BINS]; 3], counts: [[0; BINS]; 3], used: 0 };
+    pub const EMPTY: Self = Self { boxes: [[Box8::EMPTY; BINS]; 3], counts: [[0; BINS]; 3], used: 0, axes: (0, 0) };
 
     /// Replaces the contents; inlined into one function for each instruction set.
     #[inline(always)]
     pub fn fill<U: Union>(&mut self, refs: &[PrimRef], map: &Binning) {
-        self.used = map.bins;
-        for axis in 0..3 {
+        (self.used, self.axes) = (map.bins, map.axes);
+        for axis in map.axes.0..map.axes.1 {
             self.boxes[axis][..map.bins].fill(Box8::EMPTY);
             self.counts[axis][..map.bins].fill(0);
+        }
+        if map.axes != (0, 3) {
+            let axis = map.axes.0;
+            for r in refs {
+                let bin = map.bin(r, axis);
+                U::grow(&mut self.boxes[axis][bin], &r.0);
+                self.counts[axis][bin] += 1;
+            }
+            return;
         }
         for r in refs {
             let [x, y, z] = map.bins(r);
@@ -230,7 +254,7 @@ impl Bins {
             simd::fill_bins(&mut bins, chunk, map);
             bins
         };
-        *self = Self { used: map.bins, ..Self::EMPTY };
+        *self = Self { used: map.bins, axes: map.axes, ..Self::EMPTY };
         let mut counts = Vec::with_capacity(refs.len().div_ceil(CHUNK));
         // In groups, as the bins of a chunk take more room than its share of the references.
         for group in refs.chunks(64 * CHUNK) {
@@ -242,7 +266,7 @@ impl Bins {
     }
 
     fn merge(&mut self, o: &Self) {
-        for axis in 0..3 {
+        for axis in self.axes.0..self.axes.1 {
             for i in 0..self.used {
                 self.boxes[axis][i].grow(&o.boxes[axis][i]);
                 self.counts[axis][i] += o.counts[axis][i];
@@ -252,9 +276,9 @@ impl Bins {
 
     /// The cheapest plane; inlined into one function for each instruction set.
     #[inline(always)]
-    pub fn best<U: Union>(&self, cost: &Cost) -> Option<(f32, usize, usize)> {
+    pub fn best<U: Union>(&self, recipe: &Recipe) -> Option<(f32, usize, usize)> {
         let mut best = (f32::INFINITY, 3, 0);
-        for axis in 0..3 {
+        for axis in self.axes.0..self.axes.1 {
             let (boxes, counts) = (&self.boxes[axis][..self.used], &self.counts[axis][..self.used]);
             // Sweep from the right, then from the left.
             let mut right = [0f32; BINS];
@@ -262,7 +286,7 @@ impl Bins {
             for i in (1..self.used).rev() {
                 U::grow(&mut b, &boxes[i]);
                 n += counts[i] as usize;
-                right[i] = if n == 0 { f32::NAN } else { b.half_area() * cost.leaf(n) };
+                right[i] = if n == 0 { f32::NAN } else { b.half_area() * recipe.leaf(n) };
             }
             let (mut b, mut n) = (Box8::EMPTY, 0);
             for i in 1..self.used {
@@ -272,7 +296,7 @@ impl Bins {
                     continue;
                 }
                 // An empty right side is NaN and never smaller.
-                let c = b.half_area() * cost.leaf(n) + right[i];
+                let c = b.half_area() * recipe.leaf(n) + right[i];
                 if c < best.0 {
                     best = (c, axis, i);
                 }
@@ -281,8 +305,8 @@ impl Bins {
         (best.1 < 3).then_some(best)
     }
 
-    fn plane(&self, cost: &Cost) -> Option<Plane> {
-        let (cost, axis, bin) = simd::best_plane(self, cost)?;
+    fn plane(&self, recipe: &Recipe) -> Option<Plane> {
+        let (cost, axis, bin) = simd::best_plane(self, recipe)?;
         let mut sides = [Box8::EMPTY; 2];
         for i in 0..self.used {
             sides[usize::from(i >= bin)].grow(&self.boxes[axis][i]);
@@ -317,18 +341,18 @@ impl<'a> Piece<'a> {
     }
 
     /// Parts the range in two; a range that had better be a leaf of one kind comes back as such.
-    fn split(mut self, cost: &Cost, bins: &mut Bins) -> Result<[Self; 2], Self> {
+    fn split(mut self, recipe: &Recipe, bins: &mut Bins) -> Result<[Self; 2], Self> {
         let n = self.refs.len();
         let kind = self.refs[0].kind();
-        let fits = n == 1 || kind == 0 && n <= cost.max_leaf && self.refs.iter().all(|r| r.kind() == kind);
+        let fits = n == 1 || kind == 0 && n <= recipe.max_leaf && self.refs.iter().all(|r| r.kind() == kind);
         // Where a step costs as much as a block, a single block is never worth splitting.
-        if n == 1 || fits && n <= LANES && cost.step >= cost.block {
+        if n == 1 || fits && n <= LANES && recipe.step >= recipe.block {
             self.leaf = true;
             return Err(self);
         }
         // Find the cheapest plane and compare it with a leaf.
         let loose = n > LOOSE;
-        let mut map = if loose { Binning::loose(&self.bounds, n) } else { Binning::exact(self.refs) };
+        let mut map = if loose { Binning::loose(&self.bounds, n, recipe) } else { Binning::exact(self.refs, recipe) };
         let mut counts = Vec::new();
         let mut search = |refs: &[PrimRef], map: &Binning| {
             if n > PARALLEL_SWEEP {
@@ -336,16 +360,16 @@ impl<'a> Piece<'a> {
             } else {
                 simd::fill_bins(bins, refs, map);
             }
-            bins.plane(cost)
+            bins.plane(recipe)
         };
         let mut plane = if self.depth < MAX_SAH_DEPTH { search(self.refs, &map) } else { None };
         if plane.is_none() && loose && self.depth < MAX_SAH_DEPTH {
             // All centroids may have fallen into one bin.
-            map = Binning::exact(self.refs);
+            map = Binning::exact(self.refs, recipe);
             plane = search(self.refs, &map);
         }
-        let split_cost = plane.as_ref().map_or(f32::INFINITY, |p| p.cost) + cost.step * self.area;
-        if fits && cost.leaf(n) * self.area <= split_cost {
+        let split_cost = plane.as_ref().map_or(f32::INFINITY, |p| p.cost) + recipe.step * self.area;
+        if fits && recipe.leaf(n) * self.area <= split_cost {
             self.leaf = true;
             return Err(self);
         }
@@ -390,7 +414,7 @@ impl<'a> Piece<'a> {
 
 /// The children of the wide node over a range, in the order of their references: the largest one is parted until there
 /// are eight. A single one is a leaf.
-pub(super) fn open<'a>(piece: Piece<'a>, cost: &Cost, bins: &mut Bins) -> ArrayVec<Piece<'a>, WIDTH> {
+pub(super) fn open<'a>(piece: Piece<'a>, recipe: &Recipe, bins: &mut Bins) -> ArrayVec<Piece<'a>, WIDTH> {
     let mut children = ArrayVec::<Piece, WIDTH>::new();
     children.push(piece);
     while children.len() < WIDTH {
@@ -401,7 +425,7 @@ pub(super) fn open<'a>(piece: Piece<'a>, cost: &Cost, bins: &mut Bins) -> ArrayV
             }
         }
         let Some((_, slot)) = largest else { break };
-        match children.remove(slot).split(cost, bins) {
+        match children.remove(slot).split(recipe, bins) {
             Err(leaf) => children.insert(slot, leaf),
             Ok([left, right]) => {
                 children.insert(slot, left);

@@ -8,6 +8,7 @@ mod binned;
 mod kernel;
 mod pages;
 mod parts;
+mod presplit;
 mod simd;
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,7 @@ mod wide;
 
 use std::sync::Arc;
 
+use super::{AccelOptions, Quality};
 use crate::geometry::{GeometrySet, Hit, Ray};
 use crate::math::Bounds3;
 use parts::Parts;
@@ -29,6 +31,7 @@ pub struct Bvh {
     top: Tree,
     groups: Vec<Tree>,
     isa: Isa,
+    options: AccelOptions,
 }
 
 /// The instruction set of the traversal kernels. All give the same hits.
@@ -58,11 +61,17 @@ impl Bvh {
     /// Builds the tree in parallel; the result does not depend on the number of threads. `None` when the geometry has more
     /// primitives than the tree can number (2²⁹, or 2²⁶ leaf blocks).
     pub fn build(set: Arc<GeometrySet>) -> Option<Self> {
-        let groups: Option<Vec<Tree>> = set.groups.iter().map(|g| build_tree(&set, g, &[])).collect();
+        Self::build_with(set, AccelOptions::default())
+    }
+
+    /// The same as `options` ask.
+    pub fn build_with(set: Arc<GeometrySet>, options: AccelOptions) -> Option<Self> {
+        let tree = |shapes: &[u32], placed: &[Bounds3]| build_tree(&set, shapes, placed, options.quality);
+        let groups: Option<Vec<Tree>> = set.groups.iter().map(|g| tree(g, &[])).collect();
         let groups = groups?;
         let placed: Vec<Bounds3> = set.instances.iter().map(|i| i.bounds(&groups[i.group as usize].bounds)).collect();
-        let top = build_tree(&set, &set.top, &placed)?;
-        let bvh = Self { set, top, groups, isa: Isa::detect() };
+        let top = tree(&set.top, &placed)?;
+        let bvh = Self { set, top, groups, isa: Isa::detect(), options };
         debug_assert_eq!(bvh.validate(), Ok(()));
         Some(bvh)
     }
@@ -96,12 +105,12 @@ impl Bvh {
 
     /// Name and instruction set, for people.
     pub fn description(&self) -> String {
-        format!("Rust BVH8, {}", self.isa.name())
+        format!("Rust BVH8, {}{}", self.isa.name(), self.options.description())
     }
 }
 
-fn build_tree(set: &GeometrySet, shapes: &[u32], instances: &[Bounds3]) -> Option<Tree> {
+fn build_tree(set: &GeometrySet, shapes: &[u32], instances: &[Bounds3], quality: Quality) -> Option<Tree> {
     let parts = Parts::new(set, shapes, instances.len());
     let (refs, bounds) = parts.refs(set, instances);
-    wide::build(refs, bounds, parts)
+    wide::build(refs, bounds, parts, quality)
 }

@@ -2,7 +2,8 @@
 
 use std::mem::MaybeUninit;
 
-use super::binned::{self, Binning, Bins, Cost, PrimRef};
+use super::super::Mode;
+use super::binned::{self, Binning, Bins, PrimRef, Recipe};
 use super::kernel::{Kernel, Portable};
 use super::traverse::{self, Best};
 use super::wide::{Block, Child, Node8, Tree};
@@ -59,14 +60,23 @@ impl Isa {
 /// Searches `tree` with the kernel that was chosen when the tree was built.
 #[inline]
 pub(super) fn walk<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
+    if bvh.options.mode == Mode::Fast {
+        walk_with::<ANY, false>(bvh, tree, ray, placed, best)
+    } else {
+        walk_with::<ANY, true>(bvh, tree, ray, placed, best)
+    }
+}
+
+#[inline(always)]
+fn walk_with<const ANY: bool, const ROBUST: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
     match bvh.isa {
         // SAFETY: `Bvh::isa` is only ever set to an available instruction set.
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => unsafe { x86::walk_avx512::<ANY>(bvh, tree, ray, placed, best) },
+        Isa::Avx512 => unsafe { x86::walk_avx512::<ANY, ROBUST>(bvh, tree, ray, placed, best) },
         // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => unsafe { x86::walk_avx2::<ANY>(bvh, tree, ray, placed, best) },
-        _ => walk_portable::<ANY>(bvh, tree, ray, placed, best),
+        Isa::Avx2 => unsafe { x86::walk_avx2::<ANY, ROBUST>(bvh, tree, ray, placed, best) },
+        _ => walk_portable::<ANY, ROBUST>(bvh, tree, ray, placed, best),
     }
 }
 
@@ -84,18 +94,18 @@ pub(super) fn fill_bins(bins: &mut Bins, refs: &[PrimRef], map: &Binning) {
 
 /// The cheapest plane between bins.
 #[inline]
-pub(super) fn best_plane(bins: &Bins, cost: &Cost) -> Option<(f32, usize, usize)> {
+pub(super) fn best_plane(bins: &Bins, recipe: &Recipe) -> Option<(f32, usize, usize)> {
     #[cfg(target_arch = "x86_64")]
     if Isa::Avx2.is_available() {
         // SAFETY: AVX2 is available.
-        return unsafe { x86::best_plane(bins, cost) };
+        return unsafe { x86::best_plane(bins, recipe) };
     }
-    bins.best::<binned::Portable>(cost)
+    bins.best::<binned::Portable>(recipe)
 }
 
 #[inline(never)]
-fn walk_portable<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
-    traverse::walk::<Portable, ANY>(bvh, tree, ray, placed, best);
+fn walk_portable<const ANY: bool, const ROBUST: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
+    traverse::walk::<Portable, ANY, ROBUST>(bvh, tree, ray, placed, best);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -110,13 +120,25 @@ mod x86 {
     use crate::geometry::ShearedRay;
 
     #[target_feature(enable = "avx2,bmi1,fma")]
-    pub(super) fn walk_avx2<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
-        traverse::walk::<Avx2, ANY>(bvh, tree, ray, placed, best);
+    pub(super) fn walk_avx2<const ANY: bool, const ROBUST: bool>(
+        bvh: &Bvh,
+        tree: &Tree,
+        ray: &Ray,
+        placed: u32,
+        best: &mut Best,
+    ) {
+        traverse::walk::<Avx2, ANY, ROBUST>(bvh, tree, ray, placed, best);
     }
 
     #[target_feature(enable = "avx2,bmi1,fma,avx512f,avx512vl")]
-    pub(super) fn walk_avx512<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
-        traverse::walk::<Avx512, ANY>(bvh, tree, ray, placed, best);
+    pub(super) fn walk_avx512<const ANY: bool, const ROBUST: bool>(
+        bvh: &Bvh,
+        tree: &Tree,
+        ray: &Ray,
+        placed: u32,
+        best: &mut Best,
+    ) {
+        traverse::walk::<Avx512, ANY, ROBUST>(bvh, tree, ray, placed, best);
     }
 
     struct Avx2Union;
@@ -139,8 +161,8 @@ mod x86 {
     }
 
     #[target_feature(enable = "avx2")]
-    pub(super) fn best_plane(bins: &Bins, cost: &Cost) -> Option<(f32, usize, usize)> {
-        bins.best::<Avx2Union>(cost)
+    pub(super) fn best_plane(bins: &Bins, recipe: &Recipe) -> Option<(f32, usize, usize)> {
+        bins.best::<Avx2Union>(recipe)
     }
 
     /// Eight boxes in one register, four triangles in half of one.

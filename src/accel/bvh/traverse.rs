@@ -2,6 +2,8 @@
 
 use std::mem::MaybeUninit;
 
+use glam::Vec4;
+
 use super::kernel::Kernel;
 use super::parts::KIND_QUADRIC;
 use super::wide::{Block, Child, FLAT_LANES, Flat, LANES, Tree, WIDTH};
@@ -100,7 +102,13 @@ fn entry(near: f32, child: Child) -> u64 {
 ///
 /// `placed` is the instance that the tree belongs to, plus one.
 #[inline(always)]
-pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
+pub(super) fn walk<K: Kernel, const ANY: bool, const ROBUST: bool>(
+    bvh: &Bvh,
+    tree: &Tree,
+    ray: &Ray,
+    placed: u32,
+    best: &mut Best,
+) {
     let Some(sheared) = ShearedRay::new(ray) else { return };
     if tree.root == Child::NONE {
         return;
@@ -112,15 +120,15 @@ pub(super) fn walk<K: Kernel, const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray
     }
     let kernel = K::new(&SlabRay::new(ray), &sheared);
     if ANY {
-        walk_any(bvh, tree, ray, &kernel, &sheared, placed, best);
+        walk_any::<K, ROBUST>(bvh, tree, ray, &kernel, &sheared, placed, best);
     } else {
-        walk_nearest(bvh, tree, ray, &kernel, &sheared, placed, best);
+        walk_nearest::<K, ROBUST>(bvh, tree, ray, &kernel, &sheared, placed, best);
     }
 }
 
 /// Visits the tree in any order up to the first hit.
 #[inline(always)]
-fn walk_any<K: Kernel>(
+fn walk_any<K: Kernel, const ROBUST: bool>(
     bvh: &Bvh,
     tree: &Tree,
     ray: &Ray,
@@ -130,7 +138,7 @@ fn walk_any<K: Kernel>(
     best: &mut Best,
 ) {
     let (nodes, blocks) = (&tree.nodes[..], &tree.blocks[..]);
-    let refining = RefiningRay::new(ray, sheared.k);
+    let (refining, plain) = (RefiningRay::new(ray, sheared.k), PlainRay::new(ray));
     // A node is pushed as a whole, so the last one needs room for eight.
     let mut stack = [const { MaybeUninit::<Child>::uninit() }; STACK + WIDTH];
     let mut size = 0;
@@ -153,6 +161,10 @@ fn walk_any<K: Kernel>(
         } else {
             if current.kind() == 0 {
                 for block in simd::blocks_of(blocks, current) {
+                    if !ROBUST {
+                        plain.test(block, placed, best);
+                        continue;
+                    }
                     let Some(mask) = kernel.block_any(block, within, limit) else {
                         best.found = true;
                         return;
@@ -176,7 +188,7 @@ fn walk_any<K: Kernel>(
 
 /// Visits the tree front to back.
 #[inline(always)]
-fn walk_nearest<K: Kernel>(
+fn walk_nearest<K: Kernel, const ROBUST: bool>(
     bvh: &Bvh,
     tree: &Tree,
     ray: &Ray,
@@ -186,7 +198,7 @@ fn walk_nearest<K: Kernel>(
     best: &mut Best,
 ) {
     let (nodes, blocks) = (&tree.nodes[..], &tree.blocks[..]);
-    let refining = RefiningRay::new(ray, sheared.k);
+    let (refining, plain) = (RefiningRay::new(ray, sheared.k), PlainRay::new(ray));
     let mut stack = [const { MaybeUninit::<u64>::uninit() }; STACK];
     let mut size = 0;
     let mut near = [0f32; WIDTH];
@@ -252,6 +264,10 @@ fn walk_nearest<K: Kernel>(
         if !missed {
             if current.kind() == 0 {
                 for block in simd::blocks_of(blocks, current) {
+                    if !ROBUST {
+                        plain.test(block, placed, best);
+                        continue;
+                    }
                     decide(kernel.block(block, best.t * FAR_SCALE), block, ray, sheared, &refining, placed, best);
                 }
             } else {
@@ -271,6 +287,52 @@ fn walk_nearest<K: Kernel>(
                 current = Child(e as u32);
                 break;
             }
+        }
+    }
+}
+
+/// A ray for the triangle test of [`Mode::Fast`](crate::accel::Mode::Fast)
+/// [Möller, Trumbore 1997, "Fast, Minimum Storage Ray-Triangle Intersection"].
+#[derive(Clone, Copy)]
+struct PlainRay {
+    o: [Vec4; 3],
+    d: [Vec4; 3],
+}
+
+impl PlainRay {
+    #[inline(always)]
+    fn new(ray: &Ray) -> Self {
+        let splat = |v: Vec3| [Vec4::splat(v.x), Vec4::splat(v.y), Vec4::splat(v.z)];
+        Self { o: splat(ray.o), d: splat(ray.d) }
+    }
+
+    /// Tests four triangles at once in f32, all instruction sets by the same operations.
+    #[inline(always)]
+    fn test(&self, block: &Block, placed: u32, best: &mut Best) {
+        // Written out, as in the kernels: closures handed to `map` are calls.
+        let [a, b, c] = &block.v;
+        let (ax, ay, az) = (Vec4::from_array(a[0]), Vec4::from_array(a[1]), Vec4::from_array(a[2]));
+        let (bx, by, bz) = (Vec4::from_array(b[0]) - ax, Vec4::from_array(b[1]) - ay, Vec4::from_array(b[2]) - az);
+        let (cx, cy, cz) = (Vec4::from_array(c[0]) - ax, Vec4::from_array(c[1]) - ay, Vec4::from_array(c[2]) - az);
+        let ([ox, oy, oz], [dx, dy, dz]) = (self.o, self.d);
+        let (sx, sy, sz) = (ox - ax, oy - ay, oz - az);
+        let (px, py, pz) = (dy * cz - dz * cy, dz * cx - dx * cz, dx * cy - dy * cx);
+        let (qx, qy, qz) = (sy * bz - sz * by, sz * bx - sx * bz, sx * by - sy * bx);
+        // Divide only where there is a hit: compare times the determinant, made positive.
+        let det = bx * px + by * py + bz * pz;
+        let sign = Vec4::ONE.copysign(det);
+        let u = (sx * px + sy * py + sz * pz) * sign;
+        let v = (dx * qx + dy * qy + dz * qz) * sign;
+        let t = (cx * qx + cy * qy + cz * qz) * sign;
+        let det = det * sign;
+        let inside = u.cmpge(Vec4::ZERO) & v.cmpge(Vec4::ZERO) & (u + v).cmple(det);
+        let mut mask = (inside & t.cmpgt(Vec4::ZERO) & t.cmple(det * best.t)).bitmask();
+        while mask != 0 {
+            let lane = mask.trailing_zeros() as usize % LANES;
+            mask &= mask - 1;
+            let rcp = 1.0 / det.to_array()[lane];
+            let [t, u, v] = [t.to_array()[lane] * rcp, u.to_array()[lane] * rcp, v.to_array()[lane] * rcp];
+            best.offer(t, u, v, (placed, block.id[lane]));
         }
     }
 }

@@ -3,9 +3,10 @@
 use arrayvec::ArrayVec;
 use rayon::prelude::*;
 
-use super::binned::{Bins, Box8, Cost, Piece, PrimRef, open};
+use super::binned::{Bins, Box8, Piece, PrimRef, Recipe, open};
 use super::pages::Pages;
 use super::parts::{KIND_QUADRIC, KIND_TRIANGLE, Parts};
+use super::{Quality, presplit};
 use crate::math::Bounds3;
 
 /// Children of a node.
@@ -220,8 +221,37 @@ pub(super) struct Tree {
     pub flat: Option<Flat>,
 }
 
-/// One node with eight children costs as much as one block, and a binary step as much again.
-const COST: Cost = Cost { block: 1.0, step: 1.0, max_leaf: LANES * MAX_BLOCKS };
+impl Tree {
+    /// What a ray that meets its box is expected to cost, by the surface area heuristic, times half the area of the box.
+    fn cost(&self) -> f64 {
+        let node = |node: &Node8| {
+            let slot = |i: usize| {
+                let e = node.slot_bounds(i).extent().as_dvec3();
+                let child = node.child[i];
+                let blocks = if child.is_node() || child.kind() != KIND_TRIANGLE { 1 } else { child.blocks().len() };
+                (e.x * e.y + e.y * e.z + e.z * e.x) * blocks as f64
+            };
+            (0..WIDTH).filter(|&i| node.child[i] != Child::NONE).map(slot).sum::<f64>()
+        };
+        // Summed in order, so that the choice does not depend on the number of threads.
+        self.nodes.iter().map(node).sum()
+    }
+}
+
+impl Recipe {
+    /// One node with eight children costs as much as one block, and a binary step as much again.
+    const DEFAULT: Self =
+        Self { block: 1.0, step: 1.0, max_leaf: LANES * MAX_BLOCKS, least_bins: 6, refs_per_bin: 16, one_axis: false };
+
+    /// What a quality asks for.
+    fn of(quality: Quality) -> Self {
+        match quality {
+            Quality::Fast => Self { one_axis: true, refs_per_bin: 64, ..Self::DEFAULT },
+            Quality::Default => Self::DEFAULT,
+            Quality::High => Self { least_bins: 16, refs_per_bin: 4, ..Self::DEFAULT },
+        }
+    }
+}
 
 /// Nodes and blocks of one subtree, numbered from 0.
 struct Subtree {
@@ -231,11 +261,12 @@ struct Subtree {
     /// Room to part ranges of references in.
     spare: Vec<PrimRef>,
     bins: Bins,
+    recipe: Recipe,
 }
 
 impl Subtree {
-    fn new() -> Self {
-        Self { nodes: Vec::new(), blocks: Vec::new(), root: Child::NONE, spare: Vec::new(), bins: Bins::EMPTY }
+    fn new(recipe: Recipe) -> Self {
+        Self { nodes: Vec::new(), blocks: Vec::new(), root: Child::NONE, spare: Vec::new(), bins: Bins::EMPTY, recipe }
     }
 
     /// Replaces the contents by the tree over `refs`.
@@ -250,7 +281,7 @@ impl Subtree {
     }
 
     fn root(&mut self, piece: Piece, parts: &Parts) -> Child {
-        let children = open(piece, &COST, &mut self.bins);
+        let children = open(piece, &self.recipe, &mut self.bins);
         if let [leaf] = &children[..] {
             return self.leaf(leaf, parts);
         }
@@ -265,7 +296,7 @@ impl Subtree {
         let mut inner = ArrayVec::<_, WIDTH>::new();
         for (piece, slot) in children.into_iter().zip(slots) {
             let bounds = piece.bounds.bounds();
-            let opened = open(piece, &COST, &mut self.bins);
+            let opened = open(piece, &self.recipe, &mut self.bins);
             let child = if let [leaf] = &opened[..] {
                 self.leaf(leaf, parts)
             } else {
@@ -326,7 +357,7 @@ enum Top<'a> {
 }
 
 impl<'a> Top<'a> {
-    fn new(piece: Piece<'a>, task: usize) -> Self {
+    fn new(piece: Piece<'a>, task: usize, recipe: &Recipe) -> Self {
         if piece.refs.len() <= task {
             if piece.moved {
                 piece.spare.copy_from_slice(piece.refs);
@@ -334,8 +365,8 @@ impl<'a> Top<'a> {
             return Self::Task(piece);
         }
         let mut bins = Bins::EMPTY;
-        let children = Vec::from_iter(open(piece, &COST, &mut bins));
-        Self::Node(children.into_par_iter().map(|c| (c.bounds, Self::new(c, task))).collect())
+        let children = Vec::from_iter(open(piece, recipe, &mut bins));
+        Self::Node(children.into_par_iter().map(|c| (c.bounds, Self::new(c, task, recipe))).collect())
     }
 }
 
@@ -370,14 +401,27 @@ fn flatten(top: Top, parent: Option<(usize, usize)>, nodes: &mut Vec<Node8>, tas
 }
 
 /// Builds the tree over `refs`, which lie in `bounds`; `None` when it would have more blocks than it can number.
-pub(super) fn build(mut refs: Pages<PrimRef>, bounds: Box8, parts: Parts) -> Option<Tree> {
+pub(super) fn build(refs: Pages<PrimRef>, bounds: Box8, parts: Parts, quality: Quality) -> Option<Tree> {
+    let cut = if quality == Quality::High { presplit::split(&refs, &bounds, &parts) } else { None };
+    let tree = build_over(refs, bounds, parts, quality)?;
+    let Some(cut) = cut.filter(|_| tree.flat.is_none()) else { return Some(tree) };
+    // Whether cuts pay depends on what lies around a triangle, so both trees are weighed.
+    match build_over(cut, bounds, tree.parts.clone(), quality) {
+        Some(other) if other.cost() < tree.cost() => Some(other),
+        _ => Some(tree),
+    }
+}
+
+fn build_over(mut refs: Pages<PrimRef>, bounds: Box8, parts: Parts, quality: Quality) -> Option<Tree> {
+    let recipe = Recipe::of(quality);
+    let flat = Flat::new(&refs, &parts);
     let n = refs.len();
     let mut tree = Tree {
         nodes: Pages::with_capacity(n),
         blocks: Pages::with_capacity(n),
         root: Child::NONE,
         bounds: bounds.bounds(),
-        flat: Flat::new(&refs, &parts),
+        flat,
         parts,
     };
     if n == 0 {
@@ -393,7 +437,7 @@ pub(super) fn build(mut refs: Pages<PrimRef>, bounds: Box8, parts: Parts) -> Opt
         tasks.push(Task { len: n, bounds, depth: 0, parent: None });
     } else {
         let mut spare = Pages::<PrimRef>::zeroed(n);
-        flatten(Top::new(Piece::new(&mut refs, &mut spare, bounds, 0), task), None, &mut top, &mut tasks);
+        flatten(Top::new(Piece::new(&mut refs, &mut spare, bounds, 0), task, &recipe), None, &mut top, &mut tasks);
     }
     tree.nodes.extend_zeroed(top.len()).copy_from_slice(&top);
     let mut rest = &mut refs[..];
@@ -409,7 +453,7 @@ pub(super) fn build(mut refs: Pages<PrimRef>, bounds: Box8, parts: Parts) -> Opt
         };
         let (round, later) = tasks.split_at(tasks.iter().take_while(more).count());
         tasks = later;
-        subtrees.resize_with(subtrees.len().max(round.len()), Subtree::new);
+        subtrees.resize_with(subtrees.len().max(round.len()), || Subtree::new(recipe));
         let subtrees = &mut subtrees[..round.len()];
         let mut jobs = Vec::with_capacity(round.len());
         for (task, subtree) in round.iter().zip(subtrees.iter_mut()) {

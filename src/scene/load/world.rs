@@ -141,7 +141,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         SceneError::at(&doc.node(doc.root()).pos, format!("{count} different dielectrics have a priority"))
             .help("255 can be told apart; leave out the priority where nothing overlaps")
     })?;
-    let accel = Accel::build(options.accel, geometry.clone())
+    let accel = Accel::build_with(options.accel, options.accel_options, geometry.clone())
         .map_err(|e| SceneError::at(&doc.node(doc.root()).pos, e.to_string()))?;
     let mut scene = Scene {
         accel,
