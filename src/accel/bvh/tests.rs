@@ -146,6 +146,12 @@ fn available() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.is_available())
 }
 
+#[test]
+fn every_aarch64_has_neon() {
+    assert_eq!(Isa::Neon.is_available(), cfg!(target_arch = "aarch64"));
+    assert_eq!(Isa::detect() == Isa::Neon, cfg!(target_arch = "aarch64"));
+}
+
 fn agree(set: &Arc<GeometrySet>, rng: &mut Random, rays: usize) -> usize {
     let mut bvh = Bvh::build(set.clone()).expect("small");
     bvh.validate().expect("valid");
