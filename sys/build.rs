@@ -3,6 +3,7 @@
 //!
 //! Environment: `EMBREE_DIR` is searched before the usual prefixes; `EMBREE_REQUIRED=1` makes a missing Embree an
 //! error; `EMBREE_DISABLE=1` builds without it and says nothing.
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::{env, fs, panic, process};
 
@@ -80,19 +81,37 @@ fn find() -> Result<Found, String> {
     }
     Err(match without_library {
         Some((major, include)) => {
-            format!("{} has headers of Embree {major} but there is no libembree{major} beside them", include.display())
+            let arch = env::var("CARGO_CFG_TARGET_ARCH").unwrap_or_default();
+            let include = include.display();
+            format!("{include} has headers of Embree {major} but there is no libembree{major} for {arch} beside them")
         }
         None => "no headers embree4/rtcore.h or embree3/rtcore.h were found".into(),
     })
 }
 
+/// The folder of a prefix that holds the library for the target; when cross compiling, `lib` may be that of the host.
 fn library_folder(prefix: &Path, major: u32) -> Option<PathBuf> {
     let target = env::var("TARGET").unwrap_or_default();
     let arch = target.split('-').next().unwrap_or_default().to_owned();
     ["lib".to_owned(), "lib64".to_owned(), format!("lib/{arch}-linux-gnu")]
         .into_iter()
         .map(|folder| prefix.join(folder))
-        .find(|folder| ["so", "dylib"].iter().any(|ext| folder.join(format!("libembree{major}.{ext}")).exists()))
+        .find(|folder| {
+            let libraries = ["so", "dylib"].map(|ext| folder.join(format!("libembree{major}.{ext}")));
+            libraries.iter().any(|file| file.exists() && !is_foreign(file))
+        })
+}
+
+/// True for an ELF file of another processor.
+fn is_foreign(library: &Path) -> bool {
+    let machine = match env::var("CARGO_CFG_TARGET_ARCH").as_deref() {
+        Ok("x86_64") => 62,
+        Ok("aarch64") => 183,
+        _ => return false,
+    };
+    let mut header = [0; 20];
+    let read = fs::File::open(library).and_then(|mut file| file.read_exact(&mut header));
+    read.is_ok() && header.starts_with(b"\x7fELF") && u16::from_le_bytes([header[18], header[19]]) != machine
 }
 
 /// Writes the bindings and tells this crate and its dependents what was found.

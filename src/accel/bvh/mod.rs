@@ -39,19 +39,22 @@ pub struct Bvh {
 pub enum Isa {
     Avx512,
     Avx2,
-    /// Plain arrays, which the compiler turns into SSE2 on x86-64 and NEON on AArch64.
+    /// What every AArch64 has.
+    Neon,
+    /// Plain arrays, which the compiler turns into SSE2 on x86-64.
     Portable,
 }
 
 impl Isa {
     /// All of them, the fastest first.
-    pub const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Portable];
+    pub const ALL: [Self; 4] = [Self::Avx512, Self::Avx2, Self::Neon, Self::Portable];
 
     /// Its name, for people.
     pub fn name(self) -> &'static str {
         match self {
             Self::Avx512 => "AVX-512",
             Self::Avx2 => "AVX2",
+            Self::Neon => "NEON",
             Self::Portable => "portable",
         }
     }

@@ -51,6 +51,8 @@ impl Isa {
             Self::Avx512 => {
                 Self::Avx2.is_available() && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")
             }
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => true,
             #[allow(unreachable_patterns)]
             _ => false,
         }
@@ -76,6 +78,8 @@ fn walk_with<const ANY: bool, const ROBUST: bool>(bvh: &Bvh, tree: &Tree, ray: &
         // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
         Isa::Avx2 => unsafe { x86::walk_avx2::<ANY, ROBUST>(bvh, tree, ray, placed, best) },
+        #[cfg(target_arch = "aarch64")]
+        Isa::Neon => neon::walk::<ANY, ROBUST>(bvh, tree, ray, placed, best),
         _ => walk_portable::<ANY, ROBUST>(bvh, tree, ray, placed, best),
     }
 }
@@ -539,6 +543,197 @@ mod x86 {
             _mm512_storeu_ps(near.as_mut_ptr(), first);
             let on_edge = _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(low, zero) | _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(high, zero);
             u32::from(pass) | u32::from(on_edge & pass) << FLAT_LANES
+        }
+    }
+}
+
+#[cfg(target_arch = "aarch64")]
+mod neon {
+    use core::arch::aarch64::*;
+
+    use super::super::kernel::PAD;
+    use super::super::traverse::{FAR_SCALE, SlabRay};
+    use super::super::wide::{FLAT_LANES, FlatBlock, WIDTH};
+    use super::*;
+    use crate::geometry::ShearedRay;
+
+    #[inline(never)]
+    pub(super) fn walk<const ANY: bool, const ROBUST: bool>(
+        bvh: &Bvh,
+        tree: &Tree,
+        ray: &Ray,
+        placed: u32,
+        best: &mut Best,
+    ) {
+        traverse::walk::<Neon, ANY, ROBUST>(bvh, tree, ray, placed, best);
+    }
+
+    /// Four lanes of a row.
+    #[inline(always)]
+    fn load(row: &[f32], first: usize) -> float32x4_t {
+        let lanes = &row[first..first + 4];
+        // SAFETY: every AArch64 has NEON. There are four lanes, and a load needs no more alignment than they have.
+        unsafe { vld1q_f32(lanes.as_ptr()) }
+    }
+
+    #[inline(always)]
+    fn store(row: &mut [f32], first: usize, x: float32x4_t) {
+        let lanes = &mut row[first..first + 4];
+        // SAFETY: as in `load`.
+        unsafe { vst1q_f32(lanes.as_mut_ptr(), x) }
+    }
+
+    /// Bit `first` + lane in each lane that is true; their sum is a mask.
+    #[inline(always)]
+    fn bits(lanes: uint32x4_t, first: usize) -> uint32x4_t {
+        let low = (1 | 2 << 32) << first;
+        // SAFETY: every AArch64 has NEON.
+        unsafe { vandq_u32(lanes, vcombine_u32(vcreate_u32(low), vcreate_u32(low << 2))) }
+    }
+
+    /// Four boxes or triangles in one register. Nothing is prefetched, as there is no stable intrinsic.
+    #[derive(Clone, Copy)]
+    pub(super) struct Neon {
+        /// Slope and negated offset of the distances to near and to far planes.
+        near_rcp: [float32x4_t; 3],
+        near_o: [float32x4_t; 3],
+        far_rcp: [float32x4_t; 3],
+        far_o: [float32x4_t; 3],
+        near: [usize; 3],
+        far: [usize; 3],
+        k: [usize; 3],
+        /// Origin with permuted axes.
+        ko: [float32x4_t; 3],
+        /// Shear of x and y, scale of z.
+        s: [float32x4_t; 3],
+    }
+
+    /// Four triangles beside a ray: which pass the edge tests, which have an edge function that is zero, and the distances of
+    /// their corners.
+    struct Edges {
+        pass: uint32x4_t,
+        zero: uint32x4_t,
+        t: [float32x4_t; 3],
+    }
+
+    impl Neon {
+        /// Entry and exit distances of four of the eight boxes, by the operations of `Avx2::slabs`, where the padding is
+        /// explained.
+        ///
+        /// NaN is ignored, as in the portable kernel: `vmaxnmq` and `vminnmq` return the other operand, where `vmaxq` and
+        /// `vminq` would let it spread and miss a box. The entry distances are ordered by their bits, so must not be −0:
+        /// `vmaxnmq` takes +0 for the greater.
+        #[inline(always)]
+        fn slabs(&self, node: &Node8, first: usize, limit: f32) -> (float32x4_t, float32x4_t) {
+            // SAFETY: every AArch64 has NEON.
+            unsafe {
+                let plane = |row: usize, r, o| vfmaq_f32(o, load(&node.bounds[row], first), r);
+                let near = |axis: usize| plane(self.near[axis], self.near_rcp[axis], self.near_o[axis]);
+                let far = |axis: usize| plane(self.far[axis], self.far_rcp[axis], self.far_o[axis]);
+                let n = vmaxnmq_f32(near(0), near(1));
+                let n = vmaxnmq_f32(n, vmaxnmq_f32(near(2), vdupq_n_f32(0.0)));
+                let f = vminnmq_f32(far(0), far(1));
+                (n, vminnmq_f32(f, vminnmq_f32(far(2), vdupq_n_f32(limit))))
+            }
+        }
+
+        /// Sheared x and y, and distances, of one corner of four triangles.
+        #[inline(always)]
+        fn corner<const N: usize>(&self, v: &[[f32; N]; 3], first: usize) -> (float32x4_t, float32x4_t, float32x4_t) {
+            // SAFETY: every AArch64 has NEON.
+            unsafe {
+                let [kx, ky, kz] = self.k;
+                let z = vsubq_f32(load(&v[kz], first), self.ko[2]);
+                (
+                    vsubq_f32(vsubq_f32(load(&v[kx], first), self.ko[0]), vmulq_f32(self.s[0], z)),
+                    vsubq_f32(vsubq_f32(load(&v[ky], first), self.ko[1]), vmulq_f32(self.s[1], z)),
+                    vmulq_f32(z, self.s[2]),
+                )
+            }
+        }
+
+        /// Here NaN has to spread, so that it fails the comparisons: `vminq` and `vmaxq` return it.
+        #[inline(always)]
+        fn edges<const N: usize>(&self, v: &[[[f32; N]; 3]; 3], first: usize) -> Edges {
+            // SAFETY: every AArch64 has NEON.
+            unsafe {
+                let ((ax, ay, at), (bx, by, bt)) = (self.corner(&v[0], first), self.corner(&v[1], first));
+                let (cx, cy, ct) = self.corner(&v[2], first);
+                let edge = |p, q, r, s| vsubq_f32(vmulq_f32(p, q), vmulq_f32(r, s));
+                let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
+                let low = vminq_f32(vminq_f32(u, v), w);
+                let high = vmaxq_f32(vmaxq_f32(u, v), w);
+                Edges {
+                    pass: vorrq_u32(vcgezq_f32(low), vclezq_f32(high)),
+                    zero: vorrq_u32(vceqzq_f32(low), vceqzq_f32(high)),
+                    t: [at, bt, ct],
+                }
+            }
+        }
+    }
+
+    impl Kernel for Neon {
+        #[inline(always)]
+        fn new(slab: &SlabRay, sheared: &ShearedRay) -> Self {
+            let k = sheared.k;
+            let c = slab.o * slab.rcp;
+            let pad = c.abs() * PAD;
+            // SAFETY: every AArch64 has NEON.
+            unsafe {
+                let splat = |v: [f32; 3]| [vdupq_n_f32(v[0]), vdupq_n_f32(v[1]), vdupq_n_f32(v[2])];
+                Self {
+                    near_rcp: splat(slab.rcp.to_array()),
+                    near_o: splat((-(c + pad)).to_array()),
+                    far_rcp: splat((slab.rcp * FAR_SCALE).to_array()),
+                    far_o: splat((-((c - pad) * FAR_SCALE)).to_array()),
+                    near: slab.near,
+                    far: slab.far,
+                    k,
+                    ko: splat([slab.o[k[0]], slab.o[k[1]], slab.o[k[2]]]),
+                    s: splat(sheared.s.to_array()),
+                }
+            }
+        }
+
+        #[inline(always)]
+        fn prefetch(_: &[Node8], _: &[Block], _: Child) {}
+
+        #[inline(always)]
+        fn node(&self, node: &Node8, limit: f32, near: &mut [f32; WIDTH]) -> u32 {
+            // SAFETY: every AArch64 has NEON.
+            unsafe {
+                let ((n, f), (upper_n, upper_f)) = (self.slabs(node, 0, limit), self.slabs(node, 4, limit));
+                store(near, 0, n);
+                store(near, 4, upper_n);
+                vaddvq_u32(vorrq_u32(bits(vcleq_f32(n, f), 0), bits(vcleq_f32(upper_n, upper_f), 4)))
+            }
+        }
+
+        #[inline(always)]
+        fn block(&self, block: &Block, _limit: f32) -> u32 {
+            // SAFETY: every AArch64 has NEON.
+            unsafe {
+                let Edges { pass, zero, .. } = self.edges(&block.v, 0);
+                vaddvq_u32(vorrq_u32(bits(pass, 0), bits(vandq_u32(pass, zero), 8)))
+            }
+        }
+
+        #[inline(always)]
+        fn flat(&self, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
+            // SAFETY: every AArch64 has NEON.
+            unsafe {
+                let mut mask = vdupq_n_u32(0);
+                for first in [0, 4, 8, 12] {
+                    let Edges { pass, zero, t: [a, b, c] } = self.edges(&block.v, first);
+                    let (n, f) = (vminq_f32(vminq_f32(a, b), c), vmaxq_f32(vmaxq_f32(a, b), c));
+                    store(near, first, n);
+                    let within = vandq_u32(vcgezq_f32(f), vcleq_f32(n, vdupq_n_f32(limit)));
+                    let pass = vandq_u32(pass, within);
+                    let zero = vandq_u32(pass, zero);
+                    mask = vorrq_u32(mask, vorrq_u32(bits(pass, first), bits(zero, FLAT_LANES + first)));
+                }
+                vaddvq_u32(mask)
+            }
         }
     }
 }

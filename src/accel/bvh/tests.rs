@@ -156,6 +156,12 @@ fn trees(set: &Arc<GeometrySet>, mode: Mode) -> [Bvh; 3] {
     })
 }
 
+#[test]
+fn every_aarch64_has_neon() {
+    assert_eq!(Isa::Neon.is_available(), cfg!(target_arch = "aarch64"));
+    assert_eq!(Isa::detect() == Isa::Neon, cfg!(target_arch = "aarch64"));
+}
+
 fn agree(set: &Arc<GeometrySet>, rng: &mut Random, rays: usize) -> usize {
     let mut trees = trees(set, Mode::Robust);
     let mut hits = 0;
