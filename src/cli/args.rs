@@ -388,6 +388,11 @@ pub struct ReferenceArgs {
 pub struct InfoArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
+    /// Predict the memory instead, without loading: from the scene file and the headers of the meshes and pictures that it
+    /// names (of OBJ files, which have none, lines are counted). Warns when the machine has less to give. SCENE may be a
+    /// mesh file.
+    #[arg(long)]
+    pub predict: bool,
     /// Print one JSON object.
     #[arg(long)]
     pub json: bool,

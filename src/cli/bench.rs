@@ -117,27 +117,10 @@ fn contenders(scene: &Scene, wanted: BenchAccel, options: AccelOptions) -> Resul
 /// Loads a scene, or a mesh by itself under a white sky.
 fn load(a: &BenchArgs) -> Result<Scene, CliError> {
     let options = LoadOptions { accel: AccelKind::Bvh, defines: a.defines.clone(), ..LoadOptions::default() };
-    let extension = a.scene.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    let plugin = match &extension[..] {
-        "ply" => "ply",
-        "obj" => "obj",
-        "serialized" => "serialized",
-        _ => return Ok(Scene::load(&a.scene, &options)?),
-    };
-    if !a.scene.is_file() {
-        return Err(CliError::Usage(format!("{}: no such file", a.scene.display())));
-    }
-    let mesh = std::path::absolute(&a.scene).unwrap_or_else(|_| a.scene.clone());
+    let Some(text) = super::scene_of_mesh(&a.scene, "")? else { return Ok(Scene::load(&a.scene, &options)?) };
     // Look at the mesh from outside; its place and size are known only once it is read.
-    let text = |camera: &str| {
-        let name = mesh.display().to_string().replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;");
-        format!(
-            "<scene version=\"3.0.0\">{camera}<emitter type=\"constant\"/>\
-             <shape type=\"{plugin}\"><string name=\"filename\" value=\"{name}\"/></shape></scene>"
-        )
-    };
     let beside = Path::new("mesh.xml");
-    let plain = Scene::from_text(&text(""), beside, &options)?;
+    let plain = Scene::from_text(&text, beside, &options)?;
     let (center, radius) = plain.bounding_sphere();
     let at = plain.to_scene.to_world(center);
     let eye = at + glam::DVec3::new(1.1, -1.5, 0.9) * (radius as f64 / plain.to_scene.scale);
@@ -147,7 +130,8 @@ fn load(a: &BenchArgs) -> Result<Scene, CliError> {
          <lookat origin=\"{} {} {}\" target=\"{} {} {}\" up=\"0 0 1\"/></transform></sensor>",
         eye.x, eye.y, eye.z, at.x, at.y, at.z
     );
-    Ok(Scene::from_text(&text(&camera), beside, &options)?)
+    let text = super::scene_of_mesh(&a.scene, &camera)?.unwrap_or(text);
+    Ok(Scene::from_text(&text, beside, &options)?)
 }
 
 fn whole_render(scene: &mut Scene, contender: Contender, a: &BenchArgs) -> Result<WholeRender, CliError> {

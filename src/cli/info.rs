@@ -42,6 +42,9 @@ struct Info {
 
 pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
     super::set_threads(a.scene.threads)?;
+    if a.predict {
+        return super::predict::run(a);
+    }
     let scene = super::load_scene(&a.scene)?;
     let overrides = PlanOverrides { needs: a.scene.needs.clone(), ..PlanOverrides::default() };
     // An integrator that is not known here does not keep the scene from being told about.

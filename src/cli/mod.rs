@@ -10,6 +10,7 @@ mod keep;
 mod layers;
 mod map;
 mod merge;
+mod predict;
 mod progress;
 mod reference;
 mod render;
@@ -137,15 +138,35 @@ fn print(text: &str) {
 
 /// The scene as loaded with the options that every command has.
 fn load_scene(a: &args::SceneArgs) -> Result<crate::scene::Scene, CliError> {
-    let options = crate::scene::LoadOptions {
+    Ok(crate::scene::Scene::load(&a.scene, &load_options(a))?)
+}
+
+fn load_options(a: &args::SceneArgs) -> crate::scene::LoadOptions {
+    crate::scene::LoadOptions {
         defines: a.defines.clone(),
         accel: a.accel.into(),
         accel_options: a.tree.into(),
         width: a.width,
         height: a.height,
         needs: a.needs.clone(),
-    };
-    Ok(crate::scene::Scene::load(&a.scene, &options)?)
+    }
+}
+
+/// The scene of a mesh file by itself under a white sky, with `camera`; `None` for other files.
+fn scene_of_mesh(file: &Path, camera: &str) -> Result<Option<String>, CliError> {
+    let plugin = file.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    if !matches!(&plugin[..], "ply" | "obj" | "serialized") {
+        return Ok(None);
+    }
+    if !file.is_file() {
+        return Err(CliError::Usage(format!("{}: no such file", file.display())));
+    }
+    let mesh = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    let name = mesh.display().to_string().replace('&', "&amp;").replace('<', "&lt;").replace('"', "&quot;");
+    Ok(Some(format!(
+        "<scene version=\"3.0.0\">{camera}<emitter type=\"constant\"/>\
+         <shape type=\"{plugin}\"><string name=\"filename\" value=\"{name}\"/></shape></scene>"
+    )))
 }
 
 /// 1234567 as `1.23 M`.

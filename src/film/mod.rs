@@ -55,6 +55,9 @@ impl SplatBuffer {
 }
 
 impl Film {
+    /// Bytes of the sums of one pixel, without splats.
+    pub const BYTES_PER_PIXEL: usize = size_of::<Sum>();
+
     /// An empty film over the crop window.
     pub fn new(window: FilmWindow, filter: ReconstructionFilter) -> Self {
         let pixels = window.crop_size.0 as usize * window.crop_size.1 as usize;

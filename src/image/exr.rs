@@ -86,6 +86,14 @@ fn sort_header(file: &mut [u8]) {
     }
 }
 
+/// Width and height from the headers alone, and whether there is a single channel.
+pub(super) fn size(file: impl std::io::Read) -> Result<((u64, u64), bool), Fault> {
+    let meta = MetaData::read_from_unbuffered(file, false).map_err(|e| fault(&e))?;
+    let Some(first) = meta.headers.first() else { return Err(Fault::malformed("no part", "at least one")) };
+    let Vec2(width, height) = first.layer_size;
+    Ok(((width as u64, height as u64), first.channels.list.len() == 1))
+}
+
 pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<Image, Fault> {
     // Read the headers alone and check their sizes before anything of that size exists.
     let meta = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(|e| fault(&e))?;

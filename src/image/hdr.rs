@@ -91,6 +91,37 @@ fn encode_runs(plane: &[u8], out: &mut Vec<u8>) {
 
 pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<Image, Fault> {
     let mut input = Input { bytes };
+    let (metadata, (width, height, flip_x, flip_y)) = header(&mut input)?;
+    let (width, height) = limits.check((width, height), 4, bytes.len(), PIXELS_PER_BYTE)?;
+
+    let mut rows: Vec<Rgb> = Vec::with_capacity(width as usize * height as usize);
+    let mut row = vec![[0; 4]; width as usize];
+    for y in 0..height {
+        decode_row(&mut input, &mut row).ok_or_else(|| {
+            Fault::malformed(format!("a broken or missing scan line {y}"), format!("{height} whole scan lines"))
+        })?;
+        rows.extend(row.iter().map(|&p| from_rgbe(p)));
+    }
+    if flip_x {
+        rows.chunks_mut(width as usize).for_each(<[Rgb]>::reverse);
+    }
+    if flip_y {
+        rows = rows.chunks(width as usize).rev().flatten().copied().collect();
+    }
+    let mut image = Image::rgb(width, height, rows);
+    image.metadata = metadata;
+    Ok(image)
+}
+
+/// Width and height; `start` is the file or the beginning of it.
+pub(super) fn size(start: &[u8]) -> Result<(u64, u64), Fault> {
+    header(&mut Input { bytes: start }).map(|(_, (width, height, ..))| (width, height))
+}
+
+/// Text of the header, then width, height, mirrored in x, mirrored in y.
+type Header = (std::collections::BTreeMap<String, String>, (u64, u64, bool, bool));
+
+fn header(input: &mut Input) -> Result<Header, Fault> {
     let mut metadata = std::collections::BTreeMap::new();
     // Read header lines up to the empty one.
     let magic = input.line()?;
@@ -112,26 +143,7 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<Image, Fault> {
             return Err(Fault::new(ImageErrorKind::Unsupported, found, "32-bit_rle_rgbe", help));
         }
     }
-    let (width, height, flip_x, flip_y) = parse_resolution(&input.line()?)?;
-    let (width, height) = limits.check((width, height), 4, bytes.len(), PIXELS_PER_BYTE)?;
-
-    let mut rows: Vec<Rgb> = Vec::with_capacity(width as usize * height as usize);
-    let mut row = vec![[0; 4]; width as usize];
-    for y in 0..height {
-        decode_row(&mut input, &mut row).ok_or_else(|| {
-            Fault::malformed(format!("a broken or missing scan line {y}"), format!("{height} whole scan lines"))
-        })?;
-        rows.extend(row.iter().map(|&p| from_rgbe(p)));
-    }
-    if flip_x {
-        rows.chunks_mut(width as usize).for_each(<[Rgb]>::reverse);
-    }
-    if flip_y {
-        rows = rows.chunks(width as usize).rev().flatten().copied().collect();
-    }
-    let mut image = Image::rgb(width, height, rows);
-    image.metadata = metadata;
-    Ok(image)
+    Ok((metadata, parse_resolution(&input.line()?)?))
 }
 
 /// Width, height, mirrored in x, mirrored in y, from a line such as `-Y 480 +X 640`.

@@ -138,11 +138,7 @@ pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Image,
     let path = path.as_ref();
     let bytes = read_bytes(path, &options.limits).map_err(|f| f.at(path))?;
     let format = Format::from_bytes(&bytes).or_else(|| Format::from_path(path));
-    let Some(format) = format else {
-        let found = "content and extension of no known image format";
-        let fault = Fault::new(ImageErrorKind::UnknownFormat, found, KNOWN, "Convert the file to one of these.");
-        return Err(fault.at(path));
-    };
+    let Some(format) = format else { return Err(unknown_format().at(path)) };
     decode_bytes(&bytes, format, options).map_err(|f| f.at(path))
 }
 
@@ -155,13 +151,52 @@ pub fn check_header(path: impl AsRef<Path>) -> Result<(), ImageError> {
         match Format::from_bytes(start).or_else(|| Format::from_path(path)) {
             Some(format @ (Format::Png | Format::Jpeg)) => ldr::check_header(file, format),
             Some(_) => Ok(()),
-            None => {
-                let found = "content and extension of no known image format";
-                Err(Fault::new(ImageErrorKind::UnknownFormat, found, KNOWN, "Convert the file to one of these."))
-            }
+            None => Err(unknown_format()),
         }
     };
     check().map_err(|f: Fault| f.at(path))
+}
+
+/// What a header says about an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageSize {
+    pub width: u32,
+    pub height: u32,
+    /// It has one channel of greys.
+    pub grey: bool,
+}
+
+/// Reads the size of an image from its header.
+pub fn size(path: impl AsRef<Path>) -> Result<ImageSize, ImageError> {
+    /// Headers that are text end before this many bytes.
+    const TEXT: u64 = 1 << 16;
+    let path = path.as_ref();
+    let size = || {
+        let fault = |e: std::io::Error| io_fault("read", &e);
+        let mut file = std::io::BufReader::new(File::open(path).map_err(fault)?);
+        let length = file.get_ref().metadata().map_err(fault)?.len();
+        let start = std::io::BufRead::fill_buf(&mut file).map_err(fault)?;
+        let format = Format::from_bytes(start).or_else(|| Format::from_path(path)).ok_or_else(unknown_format)?;
+        let text = |file: std::io::BufReader<File>| {
+            let mut start = Vec::new();
+            file.take(TEXT).read_to_end(&mut start).map_err(fault).map(|_| start)
+        };
+        let (size, grey) = match format {
+            Format::Png | Format::Jpeg => ldr::size(file, format)?,
+            Format::Exr => exr::size(file)?,
+            Format::Hdr => (hdr::size(&text(file)?)?, false),
+            Format::Pfm => pfm::size(&text(file)?).map(|(size, channels)| (size, channels == 1))?,
+        };
+        // Whether the file is long enough for its pixels, reading them tells.
+        let (width, height) = Limits::DEFAULT.check(size, 1, length as usize, u64::MAX)?;
+        Ok(ImageSize { width, height, grey })
+    };
+    size().map_err(|f: Fault| f.at(path))
+}
+
+fn unknown_format() -> Fault {
+    let found = "content and extension of no known image format";
+    Fault::new(ImageErrorKind::UnknownFormat, found, KNOWN, "Convert the file to one of these.")
 }
 
 /// Decodes an image from memory. `path` appears in errors only.

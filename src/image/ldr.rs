@@ -49,6 +49,14 @@ pub(super) fn check_header(file: impl std::io::BufRead + std::io::Seek, format: 
     ImageReader::with_format(file, kind).into_decoder().map(|_| ()).map_err(|e| fault(&e))
 }
 
+/// Width and height from the header alone, and whether it is of greys.
+pub(super) fn size(file: impl std::io::BufRead + std::io::Seek, format: Format) -> Result<((u64, u64), bool), Fault> {
+    let kind = if format == Format::Png { ::image::ImageFormat::Png } else { ::image::ImageFormat::Jpeg };
+    let decoder = ImageReader::with_format(file, kind).into_decoder().map_err(|e| fault(&e))?;
+    let (width, height) = decoder.dimensions();
+    Ok(((width.into(), height.into()), !decoder.color_type().has_color()))
+}
+
 pub(super) fn encode_png(image: &Image, options: &WriteOptions) -> Result<Vec<u8>, Fault> {
     let bytes = to_srgb8(image, options);
     let mut out = Vec::new();

@@ -26,7 +26,8 @@ pub use blocks::{BLOCK_SIZE, block_means, spread_blocks};
 pub use compare::{Comparison, compare};
 pub use error::{ImageError, ImageErrorKind};
 pub use io::{
-    Format, Limits, ReadOptions, WriteOptions, check_header, decode, encode, read, read_with, replace_file, write,
+    Format, ImageSize, Limits, ReadOptions, WriteOptions, check_header, decode, encode, read, read_with, replace_file,
+    size, write,
 };
 pub use palette::scale_color;
 pub use window::FilmWindow;

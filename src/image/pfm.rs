@@ -12,7 +12,15 @@ pub(super) fn encode(image: &Image) -> Vec<u8> {
     out
 }
 
-pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<Image, Fault> {
+/// What stands before the pixels.
+struct Header<'a> {
+    channels: u64,
+    size: (u64, u64),
+    scale: String,
+    rest: &'a [u8],
+}
+
+fn header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
     // Four words separated by white space; a single white-space byte ends the last.
     let mut rest = bytes;
     let mut word = || {
@@ -30,7 +38,17 @@ pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<Image, Fault> {
     };
     let number =
         |text: &str| text.parse::<u64>().map_err(|_| Fault::malformed(format!("the size '{text}'"), "a whole number"));
-    let (width, height) = limits.check((number(&width)?, number(&height)?), channels, bytes.len(), 1)?;
+    Ok(Header { channels, size: (number(&width)?, number(&height)?), scale, rest })
+}
+
+/// Width, height and channels; `start` is the file or the beginning of it.
+pub(super) fn size(start: &[u8]) -> Result<((u64, u64), u64), Fault> {
+    header(start).map(|h| (h.size, h.channels))
+}
+
+pub(super) fn decode(bytes: &[u8], limits: &Limits) -> Result<Image, Fault> {
+    let Header { channels, size, scale, rest } = header(bytes)?;
+    let (width, height) = limits.check(size, channels, bytes.len(), 1)?;
     let scale: f32 = match scale.parse() {
         Ok(s) if s != 0.0 && f32::is_finite(s) => s,
         _ => return Err(Fault::malformed(format!("the scale '{scale}'"), "a number that is not zero")),

@@ -8,6 +8,7 @@ mod load;
 pub mod mesh_io;
 pub mod needs;
 mod nested;
+mod predict;
 #[expect(clippy::module_inception)]
 mod scene;
 mod settings;
@@ -17,6 +18,7 @@ pub use error::{Position, SceneError};
 pub use load::ToScene;
 pub use needs::{Item, Need, NeedOverride, Needs};
 pub use nested::NestingFaults;
+pub use predict::{AccelPrediction, MeshPrediction, PicturePrediction, Prediction};
 pub use scene::{LoadOptions, Scene, SceneStats};
 pub use settings::{FilmSettings, IntegratorSettings, ParamValue, SamplerSettings};
 

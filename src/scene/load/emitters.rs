@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::super::SceneError;
 use super::super::xml::{Child, ColorUse, Query};
+use super::super::{PicturePrediction, SceneError};
 use super::shapes::invertible;
 use super::{Loader, ToScene};
 use crate::color::Rgb;
@@ -132,6 +132,11 @@ impl<'d> Loader<'d> {
         // Nothing of a picture that is scaled to black is seen.
         if scale == 0.0 {
             return Ok(Light::Constant(Constant { radiance: Rgb::BLACK }));
+        }
+        if let Some(pictures) = &mut self.pictures {
+            let size = crate::image::size(&path).map_err(|e| SceneError::at(q.pos("filename"), e.to_string()))?;
+            pictures.push(PicturePrediction::envmap(path, size));
+            return Ok(Light::Constant(Constant { radiance: Rgb::WHITE }));
         }
         let image = crate::image::read(&path).map_err(|e| SceneError::at(q.pos("filename"), e.to_string()))?;
         self.hash_file(&path, q.pos("filename"))?;

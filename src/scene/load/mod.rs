@@ -3,6 +3,7 @@
 mod bsdfs;
 mod emitters;
 mod integrators;
+mod predict;
 mod sensors;
 mod shapes;
 mod textures;
@@ -15,10 +16,11 @@ use std::path::Path;
 use glam::{DMat4, DVec3, Vec3};
 
 use super::xml::{Document, Node, NodeId};
-use super::{Position, SceneError};
+use super::{PicturePrediction, Position, SceneError};
 use crate::bsdf::{Material, MaterialId};
 use crate::texture::{TextureId, Textures};
 
+pub(super) use predict::predict;
 pub(super) use world::load;
 
 /// The map from the world of the scene file to the unit box in which everything is computed.
@@ -81,6 +83,8 @@ struct Loader<'d> {
     declared: HashSet<NodeId>,
     /// What is read now is not used: its parameters are checked, its files stay closed.
     unused: bool,
+    /// The pictures named so far when memory is to be predicted: then nothing but headers is read.
+    pictures: Option<Vec<PicturePrediction>>,
     /// What somebody wants of vertex normals and texture coordinates.
     keep: Keep,
 }
@@ -105,6 +109,7 @@ impl<'d> Loader<'d> {
             texture_ids: HashMap::new(),
             declared: HashSet::new(),
             unused: false,
+            pictures: None,
             keep: Keep::default(),
         }
     }

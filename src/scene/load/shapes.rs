@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3};
 
-use super::super::mesh_io::{self, FinishOptions, MeshData, MeshError, Positions};
+use super::super::mesh_io::{self, FinishOptions, MeshCounts, MeshData, MeshError, Positions};
 use super::super::xml::{Child, NodeId, Query, Tag};
 use super::super::{Position, SceneError, SceneStats};
 use super::Loader;
@@ -14,9 +14,17 @@ use std::sync::Arc;
 /// The geometry of a shape in the space of its file, or of its unit form.
 enum Source {
     Mesh(Box<MeshData>, FinishOptions),
-    Sphere { flip_normals: bool },
-    Disk { flip_normals: bool },
-    Cylinder { flip_normals: bool },
+    /// A mesh file of which only the header was read.
+    Counted(Box<MeshCounts>, FinishOptions),
+    Sphere {
+        flip_normals: bool,
+    },
+    Disk {
+        flip_normals: bool,
+    },
+    Cylinder {
+        flip_normals: bool,
+    },
 }
 
 /// A shape before the scene is moved into its unit box.
@@ -119,6 +127,15 @@ impl<'d> Loader<'d> {
                 if self.unused {
                     return Ok(Source::Mesh(Box::default(), options));
                 }
+                if self.pictures.is_some() {
+                    let counts = match kind {
+                        "obj" => mesh_io::count_obj(&path),
+                        "ply" => mesh_io::count_ply(&path),
+                        _ => mesh_io::count_serialized(&path, index.unwrap_or(0) as u32),
+                    };
+                    let counts = counts.map_err(|e| mesh_error(q.pos("filename"), &e))?;
+                    return Ok(Source::Counted(Box::new(counts), options));
+                }
                 let read = match kind {
                     "obj" => mesh_io::read_obj(&path, flip),
                     "ply" => mesh_io::read_ply(&path, flip),
@@ -156,6 +173,7 @@ impl ShapeDesc<'_> {
         let (x, y, z) = (m.x_axis.truncate(), m.y_axis.truncate(), m.z_axis.truncate());
         match &self.source {
             Source::Mesh(data, _) => data.bounds(&self.to_world),
+            Source::Counted(..) => None,
             Source::Sphere { .. } => around((x * x + y * y + z * z).map(f64::sqrt)),
             Source::Disk { .. } => around(circle(x, y)),
             Source::Cylinder { .. } => {
@@ -163,6 +181,17 @@ impl ShapeDesc<'_> {
                 Some((center.min(top) - reach, center.max(top) + reach))
             }
         }
+    }
+
+    /// What a mesh holds, and whether it is shaded flat; `None` for other shapes.
+    pub(super) fn counts(&self) -> Option<(MeshCounts, bool)> {
+        let (counts, options) = match &self.source {
+            Source::Mesh(data, options) => (MeshCounts::of(data), options),
+            Source::Counted(counts, options) => ((**counts).clone(), options),
+            _ => return None,
+        };
+        let flat = options.face_normals || counts.face_normals;
+        Some((counts, flat))
     }
 
     /// The shape moved by `to_scene`, which follows its own transform.
@@ -184,6 +213,7 @@ impl ShapeDesc<'_> {
                 stats.repaired_normals += report.repaired_normals;
                 Shape::Mesh(Arc::new(mesh))
             }
+            Source::Counted(..) => unreachable!("what is only predicted is not placed"),
             Source::Sphere { flip_normals } => {
                 // The mean of three equal lengths; equal is checked to 1e-4.
                 let radius = DMat3::from_mat4(*m).determinant().abs().cbrt();

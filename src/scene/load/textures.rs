@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 use std::ops::RangeInclusive;
 
-use super::super::SceneError;
 use super::super::xml::{Child, ColorArg, ColorUse, NodeId, Query, Tag};
+use super::super::{PicturePrediction, SceneError};
 use super::{AttributeUse, Loader};
 use crate::color::Rgb;
 use crate::texture::{
@@ -130,6 +130,11 @@ impl<'d> Loader<'d> {
         if self.unused {
             crate::image::check_header(&path).map_err(|e| SceneError::at(q.pos("filename"), e.to_string()))?;
             return Ok(Texture::Bitmap(Bitmap::new(&crate::image::Image::constant(1, 1, Rgb::BLACK), settings)));
+        }
+        if let Some(pictures) = &mut self.pictures {
+            let size = crate::image::size(&path).map_err(|e| SceneError::at(q.pos("filename"), e.to_string()))?;
+            pictures.push(PicturePrediction::texture(path, size));
+            return Ok(Texture::Bitmap(Bitmap::new(&crate::image::Image::constant(1, 1, Rgb::WHITE), settings)));
         }
         let options = crate::image::ReadOptions { raw, ..Default::default() };
         let image =

@@ -88,12 +88,17 @@ impl<'d> Loader<'d> {
         Ok(())
     }
 
+    /// True when a material or light depends on texture coordinates.
+    pub(super) fn uses_uv(&self, material: MaterialId, emitter: Option<&'d Child>) -> bool {
+        let textured =
+            |e: &Child| self.doc.node(e.node).children.iter().any(|c| self.doc.node(c.node).tag == Tag::Texture);
+        survey(&self.materials, &self.textures, material).uv || emitter.is_some_and(textured)
+    }
+
     /// Drops texture coordinates and normals that nothing on the shape depends on, or that somebody wants to go; the bytes
     /// that were saved.
     pub(super) fn strip(&self, shape: &mut Shape, material: MaterialId, emitter: Option<&'d Child>) -> usize {
-        let textured =
-            |e: &Child| self.doc.node(e.node).children.iter().any(|c| self.doc.node(c.node).tag == Tag::Texture);
-        let used = || survey(&self.materials, &self.textures, material).uv || emitter.is_some_and(textured);
+        let used = || self.uses_uv(material, emitter);
         let mesh = match shape {
             Shape::Mesh(mesh) => mesh,
             Shape::Sphere(sphere) => {

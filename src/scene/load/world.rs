@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::super::nested::Nested;
 use super::super::xml::{Child, Document, NodeId, Query, Tag};
-use super::super::{LoadOptions, Position, Scene, SceneError, SceneStats};
+use super::super::{IntegratorSettings, LoadOptions, Position, Scene, SceneError, SceneStats};
 use super::sensors::View;
 use super::shapes::{ShapeDesc, invertible};
 use super::{Keep, Loader, ToScene, integrators, not_yet};
@@ -49,6 +49,17 @@ pub(super) struct World<'d> {
     instances: Vec<InstanceDesc>,
 }
 
+impl<'d> World<'d> {
+    /// Each shape once, however often its group is placed.
+    pub(super) fn each_shape(&self) -> impl Iterator<Item = &ShapeDesc<'d>> {
+        self.shapes.iter().chain(self.groups.iter().flat_map(|g| &g.shapes))
+    }
+
+    pub(super) fn instance_count(&self) -> usize {
+        self.instances.len()
+    }
+}
+
 /// Geometry with what belongs to each of its shapes.
 #[derive(Default)]
 struct Placed<'d> {
@@ -57,25 +68,22 @@ struct Placed<'d> {
     emitters: Vec<Option<&'d Child>>,
 }
 
+/// What stands in a scene, its shapes read with all that they refer to.
+pub(super) struct Contents<'d> {
+    integrator: IntegratorSettings,
+    pub world: World<'d>,
+    bsdfs: Vec<&'d Child>,
+    textures: Vec<&'d Child>,
+    shapes: Vec<&'d Child>,
+    pub emitters: Vec<&'d Child>,
+    pub sensors: Vec<&'d Child>,
+}
+
 /// Builds the scene that a document describes.
 pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> {
     let mut loader = Loader::new(doc);
-    let root = Query::new(doc, doc.root());
-    refuse_media(doc, &root)?;
-    let integrator = integrators::of_scene(&root)?;
     let mut stats = SceneStats::default();
-
-    // Read what stands in the scene, with all that it refers to.
-    let (bsdfs, textures, shapes) = (root.children(Tag::Bsdf), root.children(Tag::Texture), root.children(Tag::Shape));
-    loader.declared.extend(textures.iter().map(|c| c.node));
-    loader.keep = Keep::of(&options.needs);
-    let mut world = World::default();
-    for child in &shapes {
-        loader.add_shape(Query::new(doc, child.node), &mut world)?;
-    }
-    let emitters = root.children(Tag::Emitter);
-    let sensors = root.children(Tag::Sensor);
-    root.finish()?;
+    let Contents { integrator, world, bsdfs, textures, shapes, emitters, sensors } = loader.contents(options)?;
 
     // Move everything into the unit box.
     let to_scene = match world.bounds() {
@@ -201,6 +209,25 @@ impl World<'_> {
 }
 
 impl<'d> Loader<'d> {
+    /// Reads what stands in the scene.
+    pub(super) fn contents(&mut self, options: &LoadOptions) -> Result<Contents<'d>, SceneError> {
+        let doc = self.doc;
+        let root = Query::new(doc, doc.root());
+        refuse_media(doc, &root)?;
+        let integrator = integrators::of_scene(&root)?;
+        let (bsdfs, textures) = (root.children(Tag::Bsdf), root.children(Tag::Texture));
+        let shapes = root.children(Tag::Shape);
+        self.declared.extend(textures.iter().map(|c| c.node));
+        self.keep = Keep::of(&options.needs);
+        let mut world = World::default();
+        for child in &shapes {
+            self.add_shape(Query::new(doc, child.node), &mut world)?;
+        }
+        let (emitters, sensors) = (root.children(Tag::Emitter), root.children(Tag::Sensor));
+        root.finish()?;
+        Ok(Contents { integrator, world, bsdfs, textures, shapes, emitters, sensors })
+    }
+
     /// Adds a shape, group or instance that stands in the scene.
     fn add_shape(&mut self, q: Query<'d>, world: &mut World<'d>) -> Result<(), SceneError> {
         match q.plugin() {

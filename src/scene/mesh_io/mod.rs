@@ -11,6 +11,7 @@
 //! No count in a file is believed: before memory is reserved, every size is compared with what the bytes that are
 //! there can hold.
 
+mod counts;
 mod data;
 mod error;
 mod finish;
@@ -21,10 +22,11 @@ mod ply;
 mod serialized;
 mod write;
 
+pub use counts::MeshCounts;
 pub use data::{MeshData, Positions};
 pub use error::{MeshError, MeshErrorKind, Place};
 pub use finish::{FinishOptions, MeshReport, finish};
-pub use obj::{parse_obj, read_obj};
-pub use ply::{parse_ply, read_ply};
-pub use serialized::{parse_serialized, read_serialized};
+pub use obj::{count_obj, parse_obj, read_obj};
+pub use ply::{count_ply, parse_ply, read_ply};
+pub use serialized::{count_serialized, parse_serialized, read_serialized};
 pub use write::{PlyMesh, write_ply, write_ply_to};

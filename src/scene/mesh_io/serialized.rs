@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::mapped::FileBytes;
-use super::{MeshData, MeshError, MeshErrorKind, Place, Positions};
+use super::{MeshCounts, MeshData, MeshError, MeshErrorKind, Place, Positions};
 use crate::geometry::VertexAttribute;
 
 /// The first two bytes of every sub-mesh.
@@ -33,24 +33,11 @@ pub fn read_serialized(path: &Path, shape_index: u32) -> Result<MeshData, MeshEr
 
 /// Reads a serialized mesh from memory; `path` is for messages.
 pub fn parse_serialized(bytes: &[u8], path: &Path, shape_index: u32) -> Result<MeshData, MeshError> {
-    let (version, start, end) = locate(bytes, path, shape_index)?;
-    let zlib = &bytes[start + 4..end];
-    let mut stream = Stream { path, start, stream: ZlibDecoder::new(zlib) };
-
-    // Flags, name and counts.
-    let flags = u32::from_le_bytes(stream.array()?);
-    if version == 4 {
-        stream.skip_name()?;
-    }
-    let (vertices, faces) = (u64::from_le_bytes(stream.array()?), u64::from_le_bytes(stream.array()?));
-    let number = if flags & DOUBLE_PRECISION != 0 { 8 } else { 4 };
-    let has = |flag: u32, numbers: u64| if flags & flag != 0 { numbers } else { 0 };
-    let per_vertex = 3 + has(HAS_NORMALS, 3) + has(HAS_UVS, 2) + has(HAS_COLORS, 3);
-    stream.check_size(vertices, faces, per_vertex * number, zlib.len() as u64)?;
+    let (mut stream, Head { flags, vertices, faces }) = open(bytes, path, shape_index)?;
 
     // The arrays follow each other.
     let (vertices, faces) = (vertices as usize, faces as usize);
-    let double = number == 8;
+    let double = flags & DOUBLE_PRECISION != 0;
     let mut data =
         MeshData { path: path.to_path_buf(), face_normals: flags & FACE_NORMALS != 0, ..MeshData::default() };
     data.positions = if double {
@@ -80,6 +67,50 @@ pub fn parse_serialized(bytes: &[u8], path: &Path, shape_index: u32) -> Result<M
     data.indices = stream.numbers::<[u32; 3], 4>(faces)?;
     stream.check_contents(&data)?;
     Ok(data)
+}
+
+/// Tells from the first inflated bytes of a sub-mesh what it holds.
+pub fn count_serialized(path: &Path, shape_index: u32) -> Result<MeshCounts, MeshError> {
+    let bytes = FileBytes::open(path)?;
+    let (_, head) = open(&bytes, path, shape_index)?;
+    let has = |flag: u32| head.flags & flag != 0;
+    Ok(MeshCounts {
+        path: path.to_path_buf(),
+        vertices: head.vertices,
+        triangles: head.faces,
+        normals: has(HAS_NORMALS),
+        uvs: has(HAS_UVS),
+        vertex_values: if has(HAS_COLORS) { 3 } else { 0 },
+        face_values: 0,
+        face_normals: has(FACE_NORMALS),
+        exact: true,
+        how: "header",
+        cut_short: false,
+    })
+}
+
+/// What stands before the arrays of a sub-mesh.
+struct Head {
+    flags: u32,
+    vertices: u64,
+    faces: u64,
+}
+
+/// Finds a sub-mesh and reads its flags and counts; the stream then stands at its arrays.
+fn open<'a>(bytes: &'a [u8], path: &'a Path, shape_index: u32) -> Result<(Stream<'a, &'a [u8]>, Head), MeshError> {
+    let (version, start, end) = locate(bytes, path, shape_index)?;
+    let zlib = &bytes[start + 4..end];
+    let mut stream = Stream { path, start, stream: ZlibDecoder::new(zlib) };
+    let flags = u32::from_le_bytes(stream.array()?);
+    if version == 4 {
+        stream.skip_name()?;
+    }
+    let (vertices, faces) = (u64::from_le_bytes(stream.array()?), u64::from_le_bytes(stream.array()?));
+    let number = if flags & DOUBLE_PRECISION != 0 { 8 } else { 4 };
+    let has = |flag: u32, numbers: u64| if flags & flag != 0 { numbers } else { 0 };
+    let per_vertex = 3 + has(HAS_NORMALS, 3) + has(HAS_UVS, 2) + has(HAS_COLORS, 3);
+    stream.check_size(vertices, faces, per_vertex * number, zlib.len() as u64)?;
+    Ok((stream, Head { flags, vertices, faces }))
 }
 
 /// Finds a sub-mesh: its format version, and where it begins and ends.

@@ -13,7 +13,7 @@ mod tests;
 use std::path::Path;
 
 use super::mapped::FileBytes;
-use super::{MeshData, MeshError};
+use super::{MeshCounts, MeshData, MeshError};
 
 /// Files of more bytes than this are parsed in parallel.
 const LARGE: usize = 1 << 20;
@@ -26,6 +26,27 @@ const PIECE: usize = 1 << 19;
 pub fn read_obj(path: &Path, flip_v: bool) -> Result<MeshData, MeshError> {
     let bytes = FileBytes::open(path)?;
     parse_obj(&bytes, path, flip_v)
+}
+
+/// Counts the lines of an OBJ file, which has no header. Numbers are not read.
+pub fn count_obj(path: &Path) -> Result<MeshCounts, MeshError> {
+    let bytes = FileBytes::open(path)?;
+    let ([positions, uvs, normals], triangles) = parallel::tally(&bytes, PIECE);
+    // Which corners share a vertex, only their numbers tell.
+    let exact = uvs + normals == 0;
+    Ok(MeshCounts {
+        path: path.to_path_buf(),
+        vertices: positions.max(uvs).max(normals),
+        triangles,
+        normals: normals > 0,
+        uvs: uvs > 0,
+        vertex_values: 0,
+        face_values: 0,
+        face_normals: false,
+        exact,
+        how: if exact { "lines counted" } else { "lines counted; vertices that texture seams split are not" },
+        cut_short: false,
+    })
 }
 
 /// Reads an OBJ file from memory; `path` is for messages.

@@ -1,3 +1,4 @@
+use std::borrow::Cow;
 use std::path::Path;
 
 use glam::{Vec2, Vec3};
@@ -63,6 +64,21 @@ pub(super) fn parse(bytes: &[u8], path: &Path, flip_v: bool, piece: usize) -> Re
     let mut data = MeshData { path: path.to_path_buf(), skipped_faces, ..MeshData::default() };
     join(all, &mut data);
     Ok(data)
+}
+
+/// How many positions, texture coordinates and normals a text defines, and how many triangles.
+pub(super) fn tally(bytes: &[u8], piece: usize) -> ([u64; 3], u64) {
+    let triangles = |text: &&[u8]| -> u64 {
+        let corners = |(_, line): (u64, Cow<[u8]>)| match keyword(&line) {
+            (Keyword::Face, rest) => words(rest).count() as u64,
+            _ => 0,
+        };
+        Lines::new(text, 0).map(corners).map(|n| n.saturating_sub(2)).sum()
+    };
+    let pieces = cut(bytes, piece);
+    let counts: Vec<Counts> = pieces.par_iter().map(|p| count(p)).collect();
+    let total = counts.iter().fold(Counts::default(), |sum, c| sum.plus(c));
+    (total.defined, pieces.par_iter().map(triangles).sum())
 }
 
 /// Cuts text at line ends into pieces of about `size` bytes, but not between lines that a backslash joins.

@@ -11,10 +11,21 @@ const CHUNK: usize = 1 << 14;
 
 /// The list of corners among the properties of a face.
 #[derive(Clone, Copy)]
-struct Corners {
+pub(super) struct Corners {
     property: usize,
     count: Scalar,
-    item: Scalar,
+    pub item: Scalar,
+}
+
+impl Corners {
+    pub(super) fn of(body: &Body, element: &Element) -> Result<Self, MeshError> {
+        let list = ["vertex_indices", "vertex_index"].into_iter().find_map(|name| element.find(name));
+        let corners = list.and_then(|property| match element.properties[property].kind {
+            Kind::List { count, item } if item.is_integer() => Some(Self { property, count, item }),
+            _ => None,
+        });
+        corners.ok_or_else(|| header_error(body, element.line, "faces without an integer list vertex_indices".into()))
+    }
 }
 
 /// Decodes the face records at `at` into `data`, cut into triangles; gives the offset behind them.
@@ -25,14 +36,7 @@ pub(super) fn decode(
     vertices: u64,
     data: &mut MeshData,
 ) -> Result<usize, MeshError> {
-    let list = ["vertex_indices", "vertex_index"].into_iter().find_map(|name| element.find(name));
-    let corners = list.and_then(|property| match element.properties[property].kind {
-        Kind::List { count, item } if item.is_integer() => Some(Corners { property, count, item }),
-        _ => None,
-    });
-    let Some(corners) = corners else {
-        return Err(header_error(body, element.line, "faces without an integer list vertex_indices".into()));
-    };
+    let corners = Corners::of(body, element)?;
     if element.count == 0 {
         return Ok(at);
     }

@@ -156,6 +156,13 @@ pub(super) struct Header {
 
 /// Parses the text up to and with `end_header`, and refuses counts that the rest of the file cannot hold.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Header, MeshError> {
+    let header = parse_text(bytes, path)?;
+    check_sizes(&header, Some(bytes.len() - header.data), path)?;
+    Ok(header)
+}
+
+/// Parses the text up to and with `end_header`, whatever follows it.
+pub(super) fn parse_text(bytes: &[u8], path: &Path) -> Result<Header, MeshError> {
     let mut state = State { path, line: 0, format: None, elements: Vec::new() };
     let mut at = 0;
     loop {
@@ -174,9 +181,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Header, MeshError> {
     let Some(format) = state.format else {
         return Err(state.error("no \"format\" line", "ascii, binary_little_endian or binary_big_endian"));
     };
-    let header = Header { format, elements: state.elements, data: at, lines: state.line };
-    check_sizes(&header, bytes.len() - at, path)?;
-    Ok(header)
+    Ok(Header { format, elements: state.elements, data: at, lines: state.line })
 }
 
 struct State<'a> {
@@ -276,8 +281,9 @@ impl State<'_> {
     }
 }
 
-/// Compares the announced counts with the bytes that are left, before anything is allocated.
-fn check_sizes(header: &Header, left: usize, path: &Path) -> Result<(), MeshError> {
+/// Compares the announced counts with what can be addressed, and with the bytes that are left if they are given, before
+/// anything is allocated.
+pub(super) fn check_sizes(header: &Header, left: Option<usize>, path: &Path) -> Result<(), MeshError> {
     let mut total = 0_u128;
     for e in &header.elements {
         let least = match header.format {
@@ -287,7 +293,7 @@ fn check_sizes(header: &Header, left: usize, path: &Path) -> Result<(), MeshErro
         };
         total += least as u128 * u128::from(e.count);
         // The last number of a text file needs no separator.
-        if total > left as u128 + 1 {
+        if let Some(left) = left.filter(|&left| total > left as u128 + 1) {
             return Err(MeshError::new(
                 path,
                 Place::Line(e.line),

@@ -2,6 +2,7 @@
 
 mod ascii;
 mod attributes;
+mod count;
 mod faces;
 mod header;
 mod vertices;
@@ -13,6 +14,7 @@ use std::path::Path;
 
 use super::mapped::FileBytes;
 use super::{MeshData, MeshError, MeshErrorKind, Place};
+pub use count::count_ply;
 use header::{Element, Format, Header, Kind};
 
 /// Reads a PLY file. `flip_v` turns texture coordinates upside down (Mitsuba's `flip_tex_coords`, off by default for
@@ -122,15 +124,7 @@ impl Body<'_> {
 /// Decodes the records of all elements.
 fn decode(body: &Body, header: &Header, flip_v: bool) -> Result<MeshData, MeshError> {
     let mut data = MeshData { path: body.path.to_path_buf(), ..MeshData::default() };
-    let one = |name: &str| {
-        let mut of_name = header.elements.iter().filter(|e| e.name == name);
-        match (of_name.next(), of_name.next()) {
-            (Some(e), None) => Ok(e),
-            (None, _) => Err(header_error(body, header.lines, format!("no element \"{name}\""))),
-            (_, Some(second)) => Err(header_error(body, second.line, format!("a second element \"{name}\""))),
-        }
-    };
-    let (vertex, face) = (one("vertex")?, one("face")?);
+    let (vertex, face) = (the_one(body, header, "vertex")?, the_one(body, header, "face")?);
     let mut at = 0;
     for element in &header.elements {
         at = if std::ptr::eq(element, vertex) {
@@ -142,6 +136,16 @@ fn decode(body: &Body, header: &Header, flip_v: bool) -> Result<MeshData, MeshEr
         };
     }
     Ok(data)
+}
+
+/// The element of a name that stands in a header once.
+fn the_one<'h>(body: &Body, header: &'h Header, name: &str) -> Result<&'h Element, MeshError> {
+    let mut of_name = header.elements.iter().filter(|e| e.name == name);
+    match (of_name.next(), of_name.next()) {
+        (Some(e), None) => Ok(e),
+        (None, _) => Err(header_error(body, header.lines, format!("no element \"{name}\""))),
+        (_, Some(second)) => Err(header_error(body, second.line, format!("a second element \"{name}\""))),
+    }
 }
 
 fn header_error(body: &Body, line: u64, found: String) -> MeshError {

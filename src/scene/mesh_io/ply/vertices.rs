@@ -12,9 +12,36 @@ const CHUNK: usize = 1 << 14;
 
 /// One number of each record.
 #[derive(Clone, Copy)]
-struct Column {
+pub(super) struct Column {
     offset: usize,
     scalar: Scalar,
+}
+
+/// Where a vertex record has what a mesh is made of.
+pub(super) struct Columns {
+    xyz: [Column; 3],
+    pub normal: Option<[Column; 3]>,
+    pub uv: Option<[Column; 2]>,
+    /// Bytes of a record.
+    stride: usize,
+}
+
+impl Columns {
+    pub(super) fn of(body: &Body, element: &Element) -> Result<Self, MeshError> {
+        let Some(stride) = element.stride() else {
+            return Err(header_error(body, element.line, "a list among the properties of the vertices".into()));
+        };
+        let Some(xyz) = columns(element, ["x", "y", "z"]) else {
+            return Err(header_error(body, element.line, "vertices without x, y and z".into()));
+        };
+        let uvs = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]];
+        Ok(Self {
+            xyz,
+            normal: columns(element, ["nx", "ny", "nz"]),
+            uv: uvs.into_iter().find_map(|names| columns(element, names)),
+            stride,
+        })
+    }
 }
 
 /// Decodes the vertex records at `at` into `data`; gives the offset behind them.
@@ -25,14 +52,9 @@ pub(super) fn decode(
     flip_v: bool,
     data: &mut MeshData,
 ) -> Result<usize, MeshError> {
-    let Some(stride) = element.stride() else {
-        return Err(header_error(body, element.line, "a list among the properties of the vertices".into()));
-    };
+    let Columns { xyz, normal, uv, stride } = Columns::of(body, element)?;
     let end = body.skip_all(element, at)?;
-    let records = Records { bytes: &body.bytes[at..end], stride: stride.max(1), big: body.big };
-    let Some(xyz) = columns(element, ["x", "y", "z"]) else {
-        return Err(header_error(body, element.line, "vertices without x, y and z".into()));
-    };
+    let records = Records { bytes: &body.bytes[at..end], stride, big: body.big };
 
     data.positions = records.positions(xyz);
     let bad = match &data.positions {
@@ -44,10 +66,9 @@ pub(super) fn decode(
         return Err(body.error(at + i * stride, MeshErrorKind::NotFinite, found, "finite coordinates"));
     }
 
-    if let Some(n) = columns(element, ["nx", "ny", "nz"]) {
+    if let Some(n) = normal {
         data.normals = Some(records.vectors(n));
     }
-    let uv = [["u", "v"], ["s", "t"], ["texture_u", "texture_v"]].into_iter().find_map(|names| columns(element, names));
     if let Some([u, v]) = uv {
         data.uvs = Some(records.map(|r| {
             let (u, v) = (r.number(u) as f32, r.number(v) as f32);
