@@ -41,7 +41,9 @@ impl ShearedRay {
 /// True when a query with this ray is defined; every other ray hits nothing.
 #[inline(always)]
 pub fn is_traceable(ray: &Ray) -> bool {
-    ray.o.is_finite() && ray.d.is_finite() && ray.d != Vec3::ZERO && ray.tmax > 0.0
+    // Zero times what is not finite is NaN.
+    let zero = ray.o * 0.0 + ray.d * 0.0;
+    zero == Vec3::ZERO && ray.d != Vec3::ZERO && ray.tmax > 0.0
 }
 
 /// Watertight triangle test: `(t, u, v)` with `0 < t < tmax`, u and v the weights of the second and third vertex.

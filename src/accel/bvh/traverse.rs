@@ -138,7 +138,7 @@ fn walk_any<K: Kernel, const ROBUST: bool>(
     best: &mut Best,
 ) {
     let (nodes, blocks) = (&tree.nodes[..], &tree.blocks[..]);
-    let (refining, plain) = (RefiningRay::new(ray, sheared.k), PlainRay::new(ray));
+    let plain = PlainRay::new(ray);
     // A node is pushed as a whole, so the last one needs room for eight.
     let mut stack = [const { MaybeUninit::<Child>::uninit() }; STACK + WIDTH];
     let mut size = 0;
@@ -169,7 +169,9 @@ fn walk_any<K: Kernel, const ROBUST: bool>(
                         best.found = true;
                         return;
                     };
-                    decide(mask, block, ray, sheared, &refining, placed, best);
+                    if mask != 0 {
+                        decide(mask, block, ray, sheared, placed, best);
+                    }
                 }
             } else {
                 single::<true>(bvh, tree, ray, current, placed, best);
@@ -198,7 +200,7 @@ fn walk_nearest<K: Kernel, const ROBUST: bool>(
     best: &mut Best,
 ) {
     let (nodes, blocks) = (&tree.nodes[..], &tree.blocks[..]);
-    let (refining, plain) = (RefiningRay::new(ray, sheared.k), PlainRay::new(ray));
+    let plain = PlainRay::new(ray);
     let mut stack = [const { MaybeUninit::<u64>::uninit() }; STACK];
     let mut size = 0;
     let mut near = [0f32; WIDTH];
@@ -268,7 +270,10 @@ fn walk_nearest<K: Kernel, const ROBUST: bool>(
                         plain.test(block, placed, best);
                         continue;
                     }
-                    decide(kernel.block(block, best.t * FAR_SCALE), block, ray, sheared, &refining, placed, best);
+                    let mask = kernel.block(block, best.t * FAR_SCALE);
+                    if mask != 0 {
+                        decide(mask, block, ray, sheared, placed, best);
+                    }
                 }
             } else {
                 single::<false>(bvh, tree, ray, current, placed, best);
@@ -338,16 +343,9 @@ impl PlainRay {
 }
 
 /// Decides in f64 about the few triangles of a block that pass in f32.
-#[inline(always)]
-fn decide(
-    mut mask: u32,
-    block: &Block,
-    ray: &Ray,
-    sheared: &ShearedRay,
-    refining: &RefiningRay,
-    placed: u32,
-    best: &mut Best,
-) {
+#[inline(never)]
+fn decide(mut mask: u32, block: &Block, ray: &Ray, sheared: &ShearedRay, placed: u32, best: &mut Best) {
+    let refining = RefiningRay::new(ray, sheared.k);
     while mask & 0xff != 0 {
         let lane = mask.trailing_zeros() as usize % LANES;
         let on_edge = mask >> (8 + lane) & 1 != 0;
