@@ -66,6 +66,33 @@ fn compare_and_info() {
 }
 
 #[test]
+fn trees_of_every_quality_and_both_modes_give_the_same_picture() {
+    let sphere = r#"<shape type="sphere"><point name="center" x="0" y="0" z="4"/></shape>"#;
+    assert!(SCENE.contains(sphere));
+    let mesh = r#"<shape type="ply"><string name="filename" value="t.ply"/>
+        <transform name="to_world"><rotate x="1" angle="-60"/><translate z="4"/></transform></shape>"#;
+    let f = Folder::new(&SCENE.replace(sphere, mesh));
+    f.succeeds("scene terrain --triangles 5000 -o t.ply");
+    f.succeeds("render scene.xml -q --accel bvh -o default.exr");
+    let expected = f.image("default.exr");
+    for quality in ["fast", "quality"] {
+        for mode in ["robust", "fast"] {
+            let options = format!("--accel bvh --accel-quality {quality} --accel-mode {mode}");
+            f.succeeds(&format!("render scene.xml -q {options} -o a.exr"));
+            let image = f.image("a.exr");
+            let accel = image.metadata.get("caustica.accel").expect("named in the header");
+            assert!(accel.contains("built") && accel.ends_with("fast mode") == (mode == "fast"), "{accel}");
+            let differ = image.pixels().iter().zip(expected.pixels()).filter(|(a, b)| a != b).count();
+            // Single precision moves hits by rounding, after which some paths go elsewhere.
+            let far = |a: f32, b: f32| (a - b).abs() > 1e-3 * b.max(0.1);
+            let moved = image.pixels().iter().zip(expected.pixels()).filter(|(a, b)| far(a.g, b.g)).count();
+            assert!(if mode == "robust" { differ == 0 } else { moved < 8 }, "{options}: {differ}, {moved}");
+        }
+    }
+    f.fails("render scene.xml --accel-quality best -o a.exr", 2, &["best", "quality"]);
+}
+
+#[test]
 fn mistakes_are_told_with_their_remedy() {
     let f = Folder::new(SCENE);
     f.fails("render no-such.xml", 2, &["no-such.xml"]);

@@ -50,7 +50,8 @@ pub enum Mode {
     /// Watertight along shared edges.
     #[default]
     Robust,
-    /// In f32 throughout; rays at edges may slip through, and distances are less exact.
+    /// In f32 throughout; rays at edges may slip through, and distances are less exact. The Rust BVH tests groups of up to 48
+    /// triangles, which have no tree, as in the other mode.
     Fast,
 }
 
