@@ -10,6 +10,9 @@
 //! `--sorted` tells what closest-hit rays would gain from being sorted first;
 //! `embree` and `bvh` may be followed by `:fast` or `:high` (quality of the tree) and `:f32` (the fast mode).
 
+#[path = "../tests/truth/mod.rs"]
+mod truth;
+
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -437,25 +440,49 @@ fn build_all(options: &Options, set: &Arc<GeometrySet>, triangles: usize) -> Vec
     rivals
 }
 
-/// Share of rays on which two rivals disagree about the triangle, and the largest relative difference in t among these.
-fn disagreement(a: &dyn Rival, b: &dyn Rival, class: &Class) -> (f64, f64) {
+/// Rays on which two rivals disagree about the triangle.
+struct Disagreement {
+    share: f64,
+    /// The largest relative difference in t among these.
+    worst: f64,
+    /// How many of these were judged, and how many of those each of the two has right for certain.
+    judged: usize,
+    right: (usize, usize),
+}
+
+/// Most triangles that rays are judged against.
+const TRIALS: usize = 1 << 30;
+
+fn disagreement(a: &dyn Rival, b: &dyn Rival, mesh: &TriangleMesh, class: &Class) -> Disagreement {
     let different = class.rays.par_iter().filter_map(|r| match (a.closest(r), b.closest(r)) {
         (None, None) => None,
         (Some(x), Some(y)) if x.1 == y.1 => None,
-        (Some(x), Some(y)) => Some(((x.0 - y.0).abs() / x.0.max(y.0)) as f64),
-        _ => Some(f64::INFINITY),
+        (Some(x), Some(y)) => Some((r, ((x.0 - y.0).abs() / x.0.max(y.0)) as f64)),
+        _ => Some((r, f64::INFINITY)),
     });
-    let all: Vec<f64> = different.collect();
-    (all.len() as f64 / class.rays.len() as f64, all.into_iter().fold(0.0, f64::max))
+    let all: Vec<(&Ray, f64)> = different.collect();
+    let judge = |(ray, _): &(&Ray, f64)| {
+        let right = |tree: &dyn Rival| {
+            truth::first_hit(mesh, ray).is_ok_and(|hit| hit.map(|h| h.1) == tree.closest(ray).map(|h| h.1))
+        };
+        (right(a) as usize, right(b) as usize)
+    };
+    let judged = &all[..all.len().min(TRIALS / mesh.indices.len())];
+    Disagreement {
+        share: all.len() as f64 / class.rays.len() as f64,
+        worst: all.iter().fold(0.0, |worst, x| worst.max(x.1)),
+        judged: judged.len(),
+        right: judged.par_iter().map(judge).reduce(|| (0, 0), |x, y| (x.0 + y.0, x.1 + y.1)),
+    }
 }
 
 fn main() {
     let options = Options::parse();
     println!("{} threads, {} rays per class, {} rounds", rayon::current_num_threads(), options.rays, options.rounds);
     for name in &options.meshes {
-        let mesh = load(name);
+        let mesh = Arc::new(load(name));
         let triangles = mesh.indices.len();
-        let shapes = vec![Shape::Mesh(Arc::new(mesh))];
+        let shapes = vec![Shape::Mesh(mesh.clone())];
         let set = Arc::new(GeometrySet { shapes, top: vec![0], ..Default::default() });
         println!("\n{name}: {triangles} triangles");
         let rivals = build_all(&options, &set, triangles);
@@ -477,11 +504,15 @@ fn main() {
             for (i, (rival, tree, _)) in rivals.iter().enumerate() {
                 let rate = class.rays.len() as f64 / 1e6 / median(seconds[i].clone());
                 let ratio = median(seconds[0].iter().zip(&seconds[i]).map(|(a, b)| a / b).collect());
-                let (share, worst) = if class.any { (0.0, 0.0) } else { disagreement(&*rivals[0].1, &**tree, &class) };
-                println!(
-                    "  {:10} {rival:28} {rate:8.3} M/s per core {ratio:6.3}  differ {share:.1e} by {worst:.1e}",
-                    class.name
-                );
+                let mut differ = String::new();
+                if i > 0 && !class.any {
+                    let d = disagreement(&*rivals[0].1, &**tree, &mesh, &class);
+                    differ = format!("  differ {:.1e} by {:.1e}", d.share, d.worst);
+                    if d.judged > 0 {
+                        differ += &format!("; of {}, right {} and {}", d.judged, d.right.0, d.right.1);
+                    }
+                }
+                println!("  {:10} {rival:28} {rate:8.3} M/s per core {ratio:6.3}{differ}", class.name);
             }
             if !options.sorted || class.any {
                 continue;

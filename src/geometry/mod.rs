@@ -20,6 +20,5 @@ pub use ray::{Hit, NO_INSTANCE, Ray};
 pub use set::{GeometrySet, Instance, SurfaceInteraction};
 pub use shape::{Cylinder, Disk, Shape, Sphere};
 pub use triangle::{
-    RETEST, RefiningRay, ShearedRay, intersect_triangle, is_traceable, refine_triangle, triangle_normal,
-    triangle_point_error,
+    PreciseRay, RETEST, ShearedRay, intersect_triangle, is_traceable, triangle_normal, triangle_point_error,
 };

@@ -51,63 +51,34 @@ pub fn is_traceable(ray: &Ray) -> bool {
 /// Two triangles with a common edge never let a ray through between them. Both sides are hit.
 #[inline]
 pub fn intersect_triangle(ray: &Ray, sheared: &ShearedRay, tri: [Vec3; 3]) -> Option<(f32, f32, f32)> {
-    let [kx, ky, kz] = sheared.k;
-    let s = sheared.s;
-    let [a, b, c] = tri.map(|p| p - ray.o);
-    // Shear the vertices so that the ray runs along +z.
-    let (ax, ay) = (a[kx] - s.x * a[kz], a[ky] - s.y * a[kz]);
-    let (bx, by) = (b[kx] - s.x * b[kz], b[ky] - s.y * b[kz]);
-    let (cx, cy) = (c[kx] - s.x * c[kz], c[ky] - s.y * c[kz]);
-    // Evaluate the edge functions; decide a zero in f64, where the products are exact.
-    let mut u = cx * by - cy * bx;
-    let mut v = ax * cy - ay * cx;
-    let mut w = bx * ay - by * ax;
-    if u == 0.0 || v == 0.0 || w == 0.0 {
-        let edge = |px: f32, qy: f32, py: f32, qx: f32| (px as f64 * qy as f64 - py as f64 * qx as f64) as f32;
-        u = edge(cx, by, cy, bx);
-        v = edge(ax, cy, ay, cx);
-        w = edge(bx, ay, by, ax);
-    }
-    if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-        return None;
-    }
-    if u + v + w == 0.0 {
-        return None;
-    }
-    refine_triangle(ray, sheared.k, tri)
+    PreciseRay::new(ray, sheared).intersect(tri.map(|v| sheared.k.map(|i| v[i])), ray.tmax)
 }
 
-/// Repeats the triangle test in f64 for a triangle that is known to be hit; `k` permutes the axes as in [`ShearedRay`].
-#[inline]
-pub fn refine_triangle(ray: &Ray, k: [usize; 3], tri: [Vec3; 3]) -> Option<(f32, f32, f32)> {
-    let permute = |v: Vec3| k.map(|i| v[i]);
-    RefiningRay::new(ray, k).refine(tri.map(permute), ray.tmax)
-}
-
-/// A ray in f64 with permuted axes.
+/// A ray in f64, its axes permuted as in [`ShearedRay`].
 #[derive(Clone, Copy, Debug)]
-pub struct RefiningRay {
+pub struct PreciseRay {
     o: [f64; 3],
     d: [f64; 3],
 }
 
-impl RefiningRay {
-    /// `k` as in [`ShearedRay`].
+impl PreciseRay {
     #[inline(always)]
-    pub fn new(ray: &Ray, k: [usize; 3]) -> Self {
-        let [x, y, z] = k;
+    pub fn new(ray: &Ray, sheared: &ShearedRay) -> Self {
+        let [x, y, z] = sheared.k;
         Self {
             o: [ray.o[x] as f64, ray.o[y] as f64, ray.o[z] as f64],
             d: [ray.d[x] as f64, ray.d[y] as f64, ray.d[z] as f64],
         }
     }
 
-    /// `(t, u, v)` of the hit with a triangle whose corners have permuted coordinates.
+    /// [`intersect_triangle`] with a triangle whose corners have permuted coordinates.
     ///
-    /// The sign of `t` is right for every ray that starts outside the rounding error of the plane, needles included, which
-    /// f32 cannot promise.
+    /// The edge functions of two triangles with a common edge are exactly opposite there, and the rounding of their products
+    /// can make them zero but not change their sign; a zero counts as inside. So no ray passes between the two. The sign of
+    /// `t` is right for every ray that starts outside the rounding error of the plane, needles included, which f32 cannot
+    /// promise.
     #[inline(always)]
-    pub fn refine(&self, tri: [[f32; 3]; 3], tmax: f32) -> Option<(f32, f32, f32)> {
+    pub fn intersect(&self, tri: [[f32; 3]; 3], tmax: f32) -> Option<(f32, f32, f32)> {
         let (o, d) = (self.o, self.d);
         // Shear without the division, which only scales all three edge functions by dz².
         let shear = |p: [f32; 3]| {
@@ -118,6 +89,9 @@ impl RefiningRay {
         let u = cx * by - cy * bx;
         let v = ax * cy - ay * cx;
         let w = bx * ay - by * ax;
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return None;
+        }
         let rcp = 1.0 / ((u + v + w) * d[2]);
         let t = ((u * az + v * bz + w * cz) * rcp) as f32;
         // An infinite reciprocal or NaN fails the comparisons.

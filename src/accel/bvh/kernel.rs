@@ -11,8 +11,16 @@ use crate::math::Vec3;
 /// are hit in f32, and must not be missed by the box test.
 pub(super) const PAD: f32 = 4.0 * f32::EPSILON;
 
-/// A ray in the registers of one instruction set. All versions do the same operations in the triangle test, in the same order
-/// and without fused multiply-add; in the box test each is conservative. So their results are equal.
+/// What the edge functions of a triangle beside a sheared ray may be wrong by in f32, in units of (m + M) m, where m is the
+/// largest sheared coordinate of a corner and M the largest depth.
+///
+/// Let ε be half of `f32::EPSILON`. Unsheared coordinates are at most m + M, since the shear is at most 1, and are good to ε;
+/// sheared ones to 5 ε (m + M), and an edge function, a difference of two products of such, to 24 ε (m + M) m. Products
+/// below the normal numbers are good to `f32::MIN_POSITIVE`.
+pub(super) const EDGE: f32 = 20.0 * f32::EPSILON;
+
+/// A ray in the registers of one instruction set. Each version is conservative, in the box test as in the triangle test, and
+/// leaves the rest to f64. So their results are equal.
 pub(super) trait Kernel: Copy {
     fn new(slab: &SlabRay, sheared: &ShearedRay) -> Self;
 
@@ -40,8 +48,8 @@ pub(super) trait Kernel: Copy {
         }
     }
 
-    /// Which triangles of the block pass the edge tests; bit 8 + lane says that an edge function was exactly zero. Those may be
-    /// left out of which it is certain that f64 will not find them between the origin and `limit`.
+    /// Which triangles of the block may be hit: edge functions have one sign up to their rounding. Those may be left out of
+    /// which it is certain that f64 will not find them between the origin and `limit`.
     fn block(&self, block: &Block, limit: f32) -> u32;
 
     /// The same, or `None` where it is certain that f64 will find a hit between the origin and `within`.
@@ -50,9 +58,19 @@ pub(super) trait Kernel: Copy {
         Some(self.block(block, limit))
     }
 
-    /// As `block`, bit 16 + lane for zeros, without triangles that lie behind the origin or beyond `limit` as a whole; the
+    /// As `block`, without triangles that lie behind the origin or beyond `limit` as a whole; the
     /// distances of their nearest corners, to a relative error of 3 ε, go to `near`.
     fn flat(&self, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32;
+}
+
+/// True where the edge functions of a sheared triangle have one sign up to their rounding.
+#[inline(always)]
+fn may_hit([[ax, ay, az], [bx, by, bz], [cx, cy, cz]]: [[f32; 3]; 3]) -> bool {
+    let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
+    let most = |a: f32, b: f32, c: f32| a.abs().max(b.abs()).max(c.abs());
+    let (side, depth) = (most(ax, bx, cx).max(most(ay, by, cy)), most(az, bz, cz));
+    let error = ((side + depth) * (side * EDGE)).max(f32::MIN_POSITIVE);
+    (u >= -error && v >= -error && w >= -error) || (u <= error && v <= error && w <= error)
 }
 
 /// Plain arrays, for every processor.
@@ -106,13 +124,9 @@ impl Kernel for Portable {
         for i in 0..LANES {
             let corner = |v: usize| {
                 let z = block.v[v][kz][i] - self.o[2];
-                ((block.v[v][kx][i] - self.o[0]) - sx * z, (block.v[v][ky][i] - self.o[1]) - sy * z)
+                [(block.v[v][kx][i] - self.o[0]) - sx * z, (block.v[v][ky][i] - self.o[1]) - sy * z, z]
             };
-            let ((ax, ay), (bx, by), (cx, cy)) = (corner(0), corner(1), corner(2));
-            let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
-            let pass = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
-            let zero = u == 0.0 || v == 0.0 || w == 0.0;
-            mask |= u32::from(pass) << i | u32::from(pass && zero) << (8 + i);
+            mask |= u32::from(may_hit([corner(0), corner(1), corner(2)])) << i;
         }
         mask
     }
@@ -124,15 +138,13 @@ impl Kernel for Portable {
         for (i, near) in near.iter_mut().enumerate() {
             let corner = |v: usize| {
                 let z = block.v[v][kz][i] - self.o[2];
-                ((block.v[v][kx][i] - self.o[0]) - sx * z, (block.v[v][ky][i] - self.o[1]) - sy * z, z * sz)
+                [(block.v[v][kx][i] - self.o[0]) - sx * z, (block.v[v][ky][i] - self.o[1]) - sy * z, z]
             };
-            let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (corner(0), corner(1), corner(2));
-            let (u, v, w) = (cx * by - cy * bx, ax * cy - ay * cx, bx * ay - by * ax);
-            let pass = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
-            *near = az.min(bz).min(cz);
-            let pass = pass && az.max(bz).max(cz) >= 0.0 && *near <= limit;
-            let zero = u == 0.0 || v == 0.0 || w == 0.0;
-            mask |= u32::from(pass) << i | u32::from(pass && zero) << (FLAT_LANES + i);
+            let corners = [corner(0), corner(1), corner(2)];
+            let [a, b, c] = [corners[0][2] * sz, corners[1][2] * sz, corners[2][2] * sz];
+            *near = a.min(b).min(c);
+            let within = a.max(b).max(c) >= 0.0 && *near <= limit;
+            mask |= u32::from(within && may_hit(corners)) << i;
         }
         mask
     }

@@ -49,7 +49,10 @@ impl Isa {
             }
             #[cfg(target_arch = "x86_64")]
             Self::Avx512 => {
-                Self::Avx2.is_available() && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")
+                Self::Avx2.is_available()
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
             }
             #[cfg(target_arch = "aarch64")]
             Self::Neon => true,
@@ -117,7 +120,7 @@ mod x86 {
     use core::arch::x86_64::*;
 
     use super::super::binned::{Box8, Union};
-    use super::super::kernel::PAD;
+    use super::super::kernel::{EDGE, PAD};
     use super::super::traverse::{FAR_SCALE, SlabRay};
     use super::super::wide::{Block, Child, FLAT_LANES, FlatBlock, Node8, WIDTH};
     use super::*;
@@ -134,7 +137,7 @@ mod x86 {
         traverse::walk::<Avx2, ANY, ROBUST>(bvh, tree, ray, placed, best);
     }
 
-    #[target_feature(enable = "avx2,bmi1,fma,avx512f,avx512vl")]
+    #[target_feature(enable = "avx2,bmi1,fma,avx512f,avx512dq,avx512vl")]
     pub(super) fn walk_avx512<const ANY: bool, const ROBUST: bool>(
         bvh: &Bvh,
         tree: &Tree,
@@ -213,21 +216,21 @@ mod x86 {
         }
     }
 
-    /// Four triangles beside a ray: sheared corners, edge functions, their least and their greatest.
+    /// Four triangles beside a ray: depths of the corners, edge functions, their least and their greatest, and what they may
+    /// be wrong by.
     struct Edges {
-        x: [__m128; 3],
-        y: [__m128; 3],
         z: [__m128; 3],
         e: [__m128; 3],
         low: __m128,
         high: __m128,
+        error: __m128,
     }
 
     // Functions of one instruction set, which are inlined into others that have it.
     impl Edges {
-        #[inline]
-        #[target_feature(enable = "avx2")]
-        fn new(r: &Avx2, block: &Block) -> Self {
+        /// `RANGE` where the processor has AVX-512 DQ. Inlined into functions that enable what it uses.
+        #[inline(always)]
+        unsafe fn new<const RANGE: bool>(r: &Avx2, block: &Block) -> Self {
             // SAFETY: lanes are 16-byte aligned as the block is.
             unsafe {
                 let [kx, ky, kz] = r.k;
@@ -243,54 +246,47 @@ mod x86 {
                 let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (corner(0), corner(1), corner(2));
                 let edge = |p, q, r, s| _mm_sub_ps(_mm_mul_ps(p, q), _mm_mul_ps(r, s));
                 let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
+                let (side, depth) = if RANGE {
+                    let most = |a, b| _mm_range_ps::<0b1011>(a, b);
+                    (most(most(most(ax, bx), most(cx, ay)), most(by, cy)), most(most(az, bz), cz))
+                } else {
+                    let abs = |x| _mm_andnot_ps(_mm_set1_ps(-0.0), x);
+                    let most = |a, b, c| _mm_max_ps(_mm_max_ps(abs(a), abs(b)), abs(c));
+                    (_mm_max_ps(most(ax, bx, cx), most(ay, by, cy)), most(az, bz, cz))
+                };
+                let error = _mm_mul_ps(_mm_add_ps(side, depth), _mm_mul_ps(side, _mm_set1_ps(EDGE)));
                 Self {
-                    x: [ax, bx, cx],
-                    y: [ay, by, cy],
                     z: [az, bz, cz],
                     e: [u, v, w],
                     low: _mm_min_ps(_mm_min_ps(u, v), w),
                     high: _mm_max_ps(_mm_max_ps(u, v), w),
+                    error: _mm_max_ps(error, _mm_set1_ps(f32::MIN_POSITIVE)),
                 }
             }
         }
 
-        /// Lanes whose edge functions agree in sign.
+        /// Lanes whose edge functions agree in sign, as far as can be told.
         #[inline]
         #[target_feature(enable = "avx2")]
         fn pass(&self) -> u32 {
-            let zero = _mm_setzero_ps();
-            _mm_movemask_ps(_mm_or_ps(_mm_cmpge_ps(self.low, zero), _mm_cmple_ps(self.high, zero))) as u32
-        }
-
-        /// Lanes of `open`, which pass, and in bits 8 and up those where an edge function is zero.
-        #[inline]
-        #[target_feature(enable = "avx2")]
-        fn with_zeros(&self, open: u32) -> u32 {
-            let zero = _mm_setzero_ps();
-            let on_edge = _mm_or_ps(_mm_cmpeq_ps(self.low, zero), _mm_cmpeq_ps(self.high, zero));
-            open | (_mm_movemask_ps(on_edge) as u32 & open) << 8
+            let minus = _mm_xor_ps(self.error, _mm_set1_ps(-0.0));
+            _mm_movemask_ps(_mm_or_ps(_mm_cmpge_ps(self.low, minus), _mm_cmple_ps(self.high, self.error))) as u32
         }
 
         /// Of lanes that pass, those that are hit between the origin and `within`, and those that are not hit up to
         /// `limit`; both for certain, so that f64 would say the same.
         ///
-        /// Let m be the largest sheared coordinate, M the largest depth, ε half of `f32::EPSILON`. Unsheared coordinates are
-        /// at most m + M, since the shear is at most 1, and are good to ε; sheared ones to 5 ε (m + M), and an edge
-        /// function, a difference of two products of such, to 24 ε (m + M) m. Where all of them are larger than that, the hit
-        /// lies between the least and the greatest depth. Weighted with the edge functions the depths have a sum good to
-        /// 32 ε (m + M) m times the sum of depths: this tells the triangle that the ray starts from, and leaves. Below
-        /// the normal numbers nothing is certain.
+        /// Where all edge functions are larger than their error, the hit lies between the least and the greatest depth.
+        /// Weighted with the edge functions the depths have a sum good to 32 ε (m + M) m times the sum of depths, with the
+        /// names of [`EDGE`]: this tells the triangle that the ray starts from, and leaves. Below the normal numbers nothing
+        /// is certain.
         #[inline]
         #[target_feature(enable = "avx2")]
         fn certain(&self, scale: f32, within: f32, limit: f32) -> (u32, u32) {
             let (zero, minus) = (_mm_setzero_ps(), _mm_set1_ps(-0.0));
             let abs = |x| _mm_andnot_ps(minus, x);
-            let three = |p: &[__m128; 3]| [abs(p[0]), abs(p[1]), abs(p[2])];
-            let most = |[a, b, c]: [__m128; 3]| _mm_max_ps(_mm_max_ps(a, b), c);
             let sum = |[a, b, c]: [__m128; 3]| _mm_add_ps(_mm_add_ps(a, b), c);
-            let (side, depths) = (_mm_max_ps(most(three(&self.x)), most(three(&self.y))), three(&self.z));
-            let error = _mm_mul_ps(_mm_add_ps(side, most(depths)), _mm_mul_ps(side, _mm_set1_ps(20.0 * f32::EPSILON)));
-            let error = _mm_max_ps(error, _mm_set1_ps(f32::MIN_POSITIVE));
+            let (error, depths) = (self.error, [abs(self.z[0]), abs(self.z[1]), abs(self.z[2])]);
             // All have one sign, so that one of the two is the least absolute value.
             let inside = _mm_cmpgt_ps(_mm_max_ps(self.low, _mm_xor_ps(self.high, minus)), error);
             let s = _mm_set1_ps(scale);
@@ -309,6 +305,30 @@ mod x86 {
             let behind = _mm_and_ps(behind, _mm_cmpgt_ps(abs(det), _mm_mul_ps(error, _mm_set1_ps(3.0))));
             let hit = _mm_movemask_ps(_mm_and_ps(inside, between)) as u32;
             (hit, _mm_movemask_ps(_mm_or_ps(behind, beyond)) as u32)
+        }
+
+        /// [`Kernel::block`].
+        #[inline]
+        #[target_feature(enable = "avx2")]
+        fn open(&self, scale: f32, limit: f32) -> u32 {
+            let pass = self.pass();
+            if pass == 0 {
+                return 0;
+            }
+            let (_, missed) = self.certain(scale, 0.0, limit);
+            pass & !missed
+        }
+
+        /// [`Kernel::block_any`].
+        #[inline]
+        #[target_feature(enable = "avx2")]
+        fn open_any(&self, scale: f32, within: f32, limit: f32) -> Option<u32> {
+            let pass = self.pass();
+            if pass == 0 {
+                return Some(0);
+            }
+            let (hit, missed) = self.certain(scale, within, limit);
+            if hit & pass != 0 { None } else { Some(pass & !missed) }
         }
     }
 
@@ -372,29 +392,13 @@ mod x86 {
         #[inline(always)]
         fn block(&self, block: &Block, limit: f32) -> u32 {
             // SAFETY: this type exists only inside functions that enable AVX2.
-            unsafe {
-                let edges = Edges::new(self, block);
-                let pass = edges.pass();
-                if pass == 0 {
-                    return 0;
-                }
-                let (_, missed) = edges.certain(self.shear[2], 0.0, limit);
-                edges.with_zeros(pass & !missed)
-            }
+            unsafe { Edges::new::<false>(self, block).open(self.shear[2], limit) }
         }
 
         #[inline(always)]
         fn block_any(&self, block: &Block, within: f32, limit: f32) -> Option<u32> {
             // SAFETY: as in `block`.
-            unsafe {
-                let edges = Edges::new(self, block);
-                let pass = edges.pass();
-                if pass == 0 {
-                    return Some(0);
-                }
-                let (hit, missed) = edges.certain(self.shear[2], within, limit);
-                if hit & pass != 0 { None } else { Some(edges.with_zeros(pass & !missed)) }
-            }
+            unsafe { Edges::new::<false>(self, block).open_any(self.shear[2], within, limit) }
         }
 
         #[inline(always)]
@@ -448,12 +452,14 @@ mod x86 {
 
         #[inline(always)]
         fn block(&self, block: &Block, limit: f32) -> u32 {
-            self.0.block(block, limit)
+            // SAFETY: this type exists only inside functions that enable AVX-512 DQ.
+            unsafe { Edges::new::<true>(&self.0, block).open(self.0.shear[2], limit) }
         }
 
         #[inline(always)]
         fn block_any(&self, block: &Block, within: f32, limit: f32) -> Option<u32> {
-            self.0.block_any(block, within, limit)
+            // SAFETY: as in `block`.
+            unsafe { Edges::new::<true>(&self.0, block).open_any(self.0.shear[2], within, limit) }
         }
 
         #[inline(always)]
@@ -467,7 +473,7 @@ mod x86 {
     #[inline]
     #[target_feature(enable = "avx2")]
     fn flat_avx2(r: &Avx2, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
-        let (mut pass, mut on_edge) = (0, 0);
+        let mut pass = 0;
         for half in 0..2 {
             // SAFETY: as in `slabs`; each half of a row is 32-byte aligned as the block is, the store is unaligned.
             unsafe {
@@ -481,31 +487,38 @@ mod x86 {
                     (
                         _mm256_sub_ps(load(kx, r.origin[0]), _mm256_mul_ps(sx, z)),
                         _mm256_sub_ps(load(ky, r.origin[1]), _mm256_mul_ps(sy, z)),
-                        _mm256_mul_ps(z, _mm256_set1_ps(r.shear[2])),
+                        z,
                     )
                 };
                 let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (corner(0), corner(1), corner(2));
                 let edge = |p, q, r, s| _mm256_sub_ps(_mm256_mul_ps(p, q), _mm256_mul_ps(r, s));
                 let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
-                let zero = _mm256_setzero_ps();
+                let (zero, minus) = (_mm256_setzero_ps(), _mm256_set1_ps(-0.0));
+                let abs = |x| _mm256_andnot_ps(minus, x);
+                let most = |a, b, c| _mm256_max_ps(_mm256_max_ps(a, b), c);
+                let side = _mm256_max_ps(most(abs(ax), abs(bx), abs(cx)), most(abs(ay), abs(by), abs(cy)));
+                let reach = _mm256_add_ps(side, most(abs(az), abs(bz), abs(cz)));
+                let error = _mm256_mul_ps(reach, _mm256_mul_ps(side, _mm256_set1_ps(EDGE)));
+                let error = _mm256_max_ps(error, _mm256_set1_ps(f32::MIN_POSITIVE));
+                let scale = _mm256_set1_ps(r.shear[2]);
+                let [az, bz, cz] = [_mm256_mul_ps(az, scale), _mm256_mul_ps(bz, scale), _mm256_mul_ps(cz, scale)];
                 let low = _mm256_min_ps(_mm256_min_ps(u, v), w);
-                let high = _mm256_max_ps(_mm256_max_ps(u, v), w);
+                let high = most(u, v, w);
                 let first = _mm256_min_ps(_mm256_min_ps(az, bz), cz);
                 let last = _mm256_max_ps(_mm256_max_ps(az, bz), cz);
                 _mm256_storeu_ps(near.as_mut_ptr().add(8 * half), first);
-                let inside =
-                    _mm256_or_ps(_mm256_cmp_ps::<_CMP_GE_OQ>(low, zero), _mm256_cmp_ps::<_CMP_LE_OQ>(high, zero));
+                let inside = _mm256_or_ps(
+                    _mm256_cmp_ps::<_CMP_GE_OQ>(low, _mm256_xor_ps(error, minus)),
+                    _mm256_cmp_ps::<_CMP_LE_OQ>(high, error),
+                );
                 let within = _mm256_and_ps(
                     _mm256_cmp_ps::<_CMP_GE_OQ>(last, zero),
                     _mm256_cmp_ps::<_CMP_LE_OQ>(first, _mm256_set1_ps(limit)),
                 );
-                let edges =
-                    _mm256_or_ps(_mm256_cmp_ps::<_CMP_EQ_OQ>(low, zero), _mm256_cmp_ps::<_CMP_EQ_OQ>(high, zero));
                 pass |= (_mm256_movemask_ps(_mm256_and_ps(inside, within)) as u32) << (8 * half);
-                on_edge |= (_mm256_movemask_ps(edges) as u32) << (8 * half);
             }
         }
-        pass | (on_edge & pass) << FLAT_LANES
+        pass
     }
 
     #[inline]
@@ -522,18 +535,27 @@ mod x86 {
                 (
                     _mm512_sub_ps(load(kx, r.origin[0]), _mm512_mul_ps(sx, z)),
                     _mm512_sub_ps(load(ky, r.origin[1]), _mm512_mul_ps(sy, z)),
-                    _mm512_mul_ps(z, _mm512_set1_ps(r.shear[2])),
+                    z,
                 )
             };
             let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (corner(0), corner(1), corner(2));
             let edge = |p, q, r, s| _mm512_sub_ps(_mm512_mul_ps(p, q), _mm512_mul_ps(r, s));
             let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
             let zero = _mm512_setzero_ps();
+            let abs = |x| _mm512_abs_ps(x);
+            let most = |a, b, c| _mm512_max_ps(_mm512_max_ps(a, b), c);
+            let side = _mm512_max_ps(most(abs(ax), abs(bx), abs(cx)), most(abs(ay), abs(by), abs(cy)));
+            let reach = _mm512_add_ps(side, most(abs(az), abs(bz), abs(cz)));
+            let error = _mm512_mul_ps(reach, _mm512_mul_ps(side, _mm512_set1_ps(EDGE)));
+            let error = _mm512_max_ps(error, _mm512_set1_ps(f32::MIN_POSITIVE));
+            let scale = _mm512_set1_ps(r.shear[2]);
+            let [az, bz, cz] = [_mm512_mul_ps(az, scale), _mm512_mul_ps(bz, scale), _mm512_mul_ps(cz, scale)];
             let low = _mm512_min_ps(_mm512_min_ps(u, v), w);
-            let high = _mm512_max_ps(_mm512_max_ps(u, v), w);
+            let high = most(u, v, w);
             let first = _mm512_min_ps(_mm512_min_ps(az, bz), cz);
             let last = _mm512_max_ps(_mm512_max_ps(az, bz), cz);
-            let inside = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(low, zero) | _mm512_cmp_ps_mask::<_CMP_LE_OQ>(high, zero);
+            let inside = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(low, _mm512_sub_ps(zero, error))
+                | _mm512_cmp_ps_mask::<_CMP_LE_OQ>(high, error);
             let within = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(last, zero)
                 & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(first, _mm512_set1_ps(limit));
             let pass = inside & within;
@@ -541,8 +563,7 @@ mod x86 {
                 return 0;
             }
             _mm512_storeu_ps(near.as_mut_ptr(), first);
-            let on_edge = _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(low, zero) | _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(high, zero);
-            u32::from(pass) | u32::from(on_edge & pass) << FLAT_LANES
+            u32::from(pass)
         }
     }
 }
@@ -551,7 +572,7 @@ mod x86 {
 mod neon {
     use core::arch::aarch64::*;
 
-    use super::super::kernel::PAD;
+    use super::super::kernel::{EDGE, PAD};
     use super::super::traverse::{FAR_SCALE, SlabRay};
     use super::super::wide::{FLAT_LANES, FlatBlock, WIDTH};
     use super::*;
@@ -608,14 +629,6 @@ mod neon {
         s: [float32x4_t; 3],
     }
 
-    /// Four triangles beside a ray: which pass the edge tests, which have an edge function that is zero, and the distances of
-    /// their corners.
-    struct Edges {
-        pass: uint32x4_t,
-        zero: uint32x4_t,
-        t: [float32x4_t; 3],
-    }
-
     impl Neon {
         /// Entry and exit distances of four of the eight boxes, by the operations of `Avx2::slabs`, where the padding is
         /// explained.
@@ -637,7 +650,7 @@ mod neon {
             }
         }
 
-        /// Sheared x and y, and distances, of one corner of four triangles.
+        /// Sheared x and y, and depth, of one corner of four triangles.
         #[inline(always)]
         fn corner<const N: usize>(&self, v: &[[f32; N]; 3], first: usize) -> (float32x4_t, float32x4_t, float32x4_t) {
             // SAFETY: every AArch64 has NEON.
@@ -647,27 +660,31 @@ mod neon {
                 (
                     vsubq_f32(vsubq_f32(load(&v[kx], first), self.ko[0]), vmulq_f32(self.s[0], z)),
                     vsubq_f32(vsubq_f32(load(&v[ky], first), self.ko[1]), vmulq_f32(self.s[1], z)),
-                    vmulq_f32(z, self.s[2]),
+                    z,
                 )
             }
         }
 
-        /// Here NaN has to spread, so that it fails the comparisons: `vminq` and `vmaxq` return it.
+        /// Which of four triangles may be hit, and the depths of their corners. Here NaN has to spread, so that it fails the
+        /// comparisons: `vminq` and `vmaxq` return it.
         #[inline(always)]
-        fn edges<const N: usize>(&self, v: &[[[f32; N]; 3]; 3], first: usize) -> Edges {
+        fn edges<const N: usize>(&self, v: &[[[f32; N]; 3]; 3], first: usize) -> (uint32x4_t, [float32x4_t; 3]) {
             // SAFETY: every AArch64 has NEON.
             unsafe {
-                let ((ax, ay, at), (bx, by, bt)) = (self.corner(&v[0], first), self.corner(&v[1], first));
-                let (cx, cy, ct) = self.corner(&v[2], first);
+                let ((ax, ay, az), (bx, by, bz)) = (self.corner(&v[0], first), self.corner(&v[1], first));
+                let (cx, cy, cz) = self.corner(&v[2], first);
                 let edge = |p, q, r, s| vsubq_f32(vmulq_f32(p, q), vmulq_f32(r, s));
                 let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
+                let abs = |x| vabsq_f32(x);
+                let most = |a, b, c| vmaxq_f32(vmaxq_f32(a, b), c);
+                let side = vmaxq_f32(most(abs(ax), abs(bx), abs(cx)), most(abs(ay), abs(by), abs(cy)));
+                let reach = vaddq_f32(side, most(abs(az), abs(bz), abs(cz)));
+                let error = vmulq_f32(reach, vmulq_f32(side, vdupq_n_f32(EDGE)));
+                let error = vmaxq_f32(error, vdupq_n_f32(f32::MIN_POSITIVE));
                 let low = vminq_f32(vminq_f32(u, v), w);
-                let high = vmaxq_f32(vmaxq_f32(u, v), w);
-                Edges {
-                    pass: vorrq_u32(vcgezq_f32(low), vclezq_f32(high)),
-                    zero: vorrq_u32(vceqzq_f32(low), vceqzq_f32(high)),
-                    t: [at, bt, ct],
-                }
+                let high = most(u, v, w);
+                let pass = vorrq_u32(vcgeq_f32(low, vnegq_f32(error)), vcleq_f32(high, error));
+                (pass, [az, bz, cz])
             }
         }
     }
@@ -712,10 +729,7 @@ mod neon {
         #[inline(always)]
         fn block(&self, block: &Block, _limit: f32) -> u32 {
             // SAFETY: every AArch64 has NEON.
-            unsafe {
-                let Edges { pass, zero, .. } = self.edges(&block.v, 0);
-                vaddvq_u32(vorrq_u32(bits(pass, 0), bits(vandq_u32(pass, zero), 8)))
-            }
+            unsafe { vaddvq_u32(bits(self.edges(&block.v, 0).0, 0)) }
         }
 
         #[inline(always)]
@@ -724,13 +738,13 @@ mod neon {
             unsafe {
                 let mut mask = vdupq_n_u32(0);
                 for first in [0, 4, 8, 12] {
-                    let Edges { pass, zero, t: [a, b, c] } = self.edges(&block.v, first);
+                    let (pass, [a, b, c]) = self.edges(&block.v, first);
+                    let s = self.s[2];
+                    let (a, b, c) = (vmulq_f32(a, s), vmulq_f32(b, s), vmulq_f32(c, s));
                     let (n, f) = (vminq_f32(vminq_f32(a, b), c), vmaxq_f32(vmaxq_f32(a, b), c));
                     store(near, first, n);
                     let within = vandq_u32(vcgezq_f32(f), vcleq_f32(n, vdupq_n_f32(limit)));
-                    let pass = vandq_u32(pass, within);
-                    let zero = vandq_u32(pass, zero);
-                    mask = vorrq_u32(mask, vorrq_u32(bits(pass, first), bits(zero, FLAT_LANES + first)));
+                    mask = vorrq_u32(mask, bits(vandq_u32(pass, within), first));
                 }
                 vaddvq_u32(mask)
             }

@@ -8,7 +8,7 @@ use super::kernel::Kernel;
 use super::parts::KIND_QUADRIC;
 use super::wide::{Block, Child, FLAT_LANES, Flat, LANES, Tree, WIDTH};
 use super::{Bvh, simd};
-use crate::geometry::{Hit, NO_INSTANCE, Ray, RefiningRay, Shape, ShearedRay, intersect_triangle};
+use crate::geometry::{Hit, NO_INSTANCE, PreciseRay, Ray, Shape, ShearedRay};
 use crate::math::{Vec3, gamma};
 
 /// Entries of the traversal stack: seven siblings for each level of the deepest tree that the builder makes.
@@ -342,22 +342,16 @@ impl PlainRay {
     }
 }
 
-/// Decides in f64 about the few triangles of a block that pass in f32.
+/// Decides in f64 about the few triangles of a block that may be hit as far as f32 can tell.
 #[inline(never)]
 fn decide(mut mask: u32, block: &Block, ray: &Ray, sheared: &ShearedRay, placed: u32, best: &mut Best) {
-    let refining = RefiningRay::new(ray, sheared.k);
-    while mask & 0xff != 0 {
+    let precise = PreciseRay::new(ray, sheared);
+    let [x, y, z] = sheared.k;
+    while mask != 0 {
         let lane = mask.trailing_zeros() as usize % LANES;
-        let on_edge = mask >> (8 + lane) & 1 != 0;
         mask &= mask - 1;
-        let hit = if on_edge {
-            intersect_triangle(ray, sheared, block.triangle(lane))
-        } else {
-            let k = sheared.k;
-            let corner = |v: usize| [block.v[v][k[0]][lane], block.v[v][k[1]][lane], block.v[v][k[2]][lane]];
-            refining.refine([corner(0), corner(1), corner(2)], ray.tmax)
-        };
-        if let Some((t, u, v)) = hit {
+        let corner = |v: usize| [block.v[v][x][lane], block.v[v][y][lane], block.v[v][z][lane]];
+        if let Some((t, u, v)) = precise.intersect([corner(0), corner(1), corner(2)], ray.tmax) {
             best.offer(t, u, v, (placed, block.id[lane]));
         }
     }
@@ -376,33 +370,21 @@ fn test_all<K: Kernel, const ANY: bool>(
     placed: u32,
     best: &mut Best,
 ) {
-    let refining = RefiningRay::new(ray, sheared.k);
+    let precise = PreciseRay::new(ray, sheared);
+    let [x, y, z] = sheared.k;
     let mut near = [0f32; FLAT_LANES];
     for block in &flat.blocks {
         let mut mask = kernel.flat(block, best.t * FAR_SCALE, &mut near);
-        while mask & 0xffff != 0 {
+        while mask != 0 {
             let lane = mask.trailing_zeros() as usize % FLAT_LANES;
-            let on_edge = mask >> (FLAT_LANES + lane) & 1 != 0;
             mask &= mask - 1;
             // A triangle may lie beyond a hit that was found since the mask was made.
             if near[lane] > best.t * FAR_SCALE {
                 continue;
             }
             // Written out, as in the kernels: closures handed to `map` are calls.
-            let k = sheared.k;
-            let [x, y, z] = if on_edge { [0, 1, 2] } else { k };
-            let [a, b, c] = &block.v;
-            let tri = [
-                [a[x][lane], a[y][lane], a[z][lane]],
-                [b[x][lane], b[y][lane], b[z][lane]],
-                [c[x][lane], c[y][lane], c[z][lane]],
-            ];
-            let hit = if on_edge {
-                intersect_triangle(ray, sheared, tri.map(Vec3::from_array))
-            } else {
-                refining.refine(tri, ray.tmax)
-            };
-            if let Some((t, u, v)) = hit {
+            let corner = |v: usize| [block.v[v][x][lane], block.v[v][y][lane], block.v[v][z][lane]];
+            if let Some((t, u, v)) = precise.intersect([corner(0), corner(1), corner(2)], ray.tmax) {
                 best.offer(t, u, v, (placed, block.id[lane]));
                 if ANY && best.found {
                     return;
