@@ -51,6 +51,7 @@ def measure(args, scene, folder):
 
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("scenes", nargs="*", help="names of scenes in scenes/, all by default")
     p.add_argument("--caustica", default=ROOT / "target/release/caustica")
     p.add_argument("--size", default="128", help="width and height of the pictures")
     p.add_argument("--time", default="15s")
@@ -64,6 +65,8 @@ def main():
         print("| scene | " + " | ".join(METHODS) + " | chosen | pilot | with pilot over best |")
         print("|---" * (len(METHODS) + 4) + "|")
         for scene in sorted((ROOT / "scenes").glob("*.xml")):
+            if args.scenes and scene.stem not in args.scenes:
+                continue
             if scene.stem == "terrain" and not (scene.parent / "terrain.ply").exists():
                 print(f"| {scene.stem} | needs its mesh: see the scene file |")
                 continue

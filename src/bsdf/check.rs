@@ -97,7 +97,7 @@ pub fn may_have(materials: &[Material], id: MaterialId, mask: LobeMask) -> bool 
     let Some(m) = materials.get(id.0 as usize) else { return false };
     let rough = LobeMask::GLOSSY | LobeMask::SHARP | LobeMask::DELTA;
     let own = match m {
-        Material::Diffuse { .. } => LobeMask::DIFFUSE,
+        Material::Diffuse { .. } | Material::TexturedDiffuse { .. } => LobeMask::DIFFUSE,
         Material::Dielectric { .. } | Material::Conductor { .. } => LobeMask::DELTA,
         Material::ThinDielectric { .. } => LobeMask::DELTA | LobeMask::NULL,
         Material::RoughDielectric { filling: Some(_), .. } => rough,
@@ -127,7 +127,7 @@ mod tests {
     use crate::color::Rgb;
 
     fn diffuse() -> Material {
-        Material::Diffuse { reflectance: Rgb::WHITE.into() }
+        Material::Diffuse { reflectance: Rgb::WHITE }
     }
 
     #[test]

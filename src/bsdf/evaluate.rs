@@ -38,16 +38,18 @@ pub fn evaluate(
     let mut flip = 1.0;
 
     // Diffuse surfaces, two-sided or not, need nothing of the general case.
+    let diffuse =
+        |reflectance, flip: f32| Bsdf::Diffuse(DiffuseBsdf { ns: si.ns * flip, ng: si.ng * flip, reflectance });
     loop {
         match &materials[id.0 as usize] {
             Material::TwoSided { front: a, back: b } => {
                 (id, flip) = if front { (*a, flip) } else { (*b, -flip) };
                 front = true;
             }
-            Material::Diffuse { .. } if !front => return Bsdf::Black,
-            Material::Diffuse { reflectance } => {
-                let reflectance = textures.color(*reflectance, si, geometry);
-                return Bsdf::Diffuse(DiffuseBsdf { ns: si.ns * flip, ng: si.ng * flip, reflectance });
+            Material::Diffuse { .. } | Material::TexturedDiffuse { .. } if !front => return Bsdf::Black,
+            Material::Diffuse { reflectance } => return diffuse(*reflectance, flip),
+            Material::TexturedDiffuse { reflectance } => {
+                return diffuse(textures.eval(*reflectance, si, geometry), flip);
             }
             _ => return evaluate_lobes(materials, textures, (id, front, flip), si, geometry, met),
         }
@@ -232,7 +234,10 @@ impl Point<'_> {
     fn reflective(&mut self, material: &Material, place: Place) {
         match material {
             Material::Diffuse { reflectance } => {
-                let reflectance = self.color(*reflectance);
+                self.push(place, LobeMask::DIFFUSE, Kind::Lambert(Lambert { reflectance: *reflectance }));
+            }
+            Material::TexturedDiffuse { reflectance } => {
+                let reflectance = self.color(ColorParam::Texture(*reflectance));
                 self.push(place, LobeMask::DIFFUSE, Kind::Lambert(Lambert { reflectance }));
             }
             Material::Conductor { eta, k, specular } => {

@@ -3,7 +3,7 @@ use super::plastic::PlasticBase;
 use super::rough_plastic::{TransmittanceFit, diffuse_rough_reflectance};
 use super::{DELTA_ALPHA, Ior, diffuse_reflectance};
 use crate::color::Rgb;
-use crate::texture::{ColorParam, FloatParam};
+use crate::texture::{ColorParam, FloatParam, TextureId};
 
 /// Index into the materials of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -12,8 +12,10 @@ pub struct MaterialId(pub u32);
 /// A material as a scene file describes it, with Mitsuba's parameters.
 #[derive(Clone, Debug)]
 pub enum Material {
-    /// Lambertian, one-sided. Default reflectance 0.5.
-    Diffuse { reflectance: ColorParam },
+    /// Lambertian, one-sided. Default reflectance 0.5. See [`Material::diffuse`].
+    Diffuse { reflectance: Rgb },
+    /// The same with a texture, apart so that plain scenes need not ask.
+    TexturedDiffuse { reflectance: TextureId },
     /// Smooth interface between two dielectrics. Defaults bk7 in air, tints 1.
     Dielectric { ior: Ior, filling: Option<Filling>, reflectance: ColorParam, transmittance: ColorParam },
     /// Thin plate: reflects, or lets straight through. Defaults as for the dielectric.
@@ -190,6 +192,14 @@ impl Default for PrincipledThin {
 }
 
 impl Material {
+    /// A Lambertian surface.
+    pub fn diffuse(reflectance: ColorParam) -> Self {
+        match reflectance {
+            ColorParam::Const(reflectance) => Self::Diffuse { reflectance },
+            ColorParam::Texture(reflectance) => Self::TexturedDiffuse { reflectance },
+        }
+    }
+
     /// A diffuse base under a smooth coat of index `int_ior` in a medium of index `ext_ior`. Mitsuba's defaults are
     /// polypropylene in air, diffuse 0.5, specular 1, linear.
     pub fn plastic(int_ior: f64, ext_ior: f64, diffuse: ColorParam, specular: ColorParam, nonlinear: bool) -> Self {

@@ -27,8 +27,8 @@ pub fn survey(materials: &[Material], textures: &Textures, id: MaterialId) -> Ab
     let mut found = Abilities {
         classes: own_classes(material, textures),
         both_sides: has_two_sides(material),
-        lambertian: matches!(material, Material::Diffuse { .. }),
-        other: !matches!(material, Material::Diffuse { .. } | Material::TwoSided { .. }),
+        lambertian: is_diffuse(material),
+        other: !is_diffuse(material) && !matches!(material, Material::TwoSided { .. }),
         uv: texture_ids(material).into_iter().any(|id| reaches_uv(textures, id)) || has_tangent(material),
     };
     for child in parts(material, textures) {
@@ -40,6 +40,10 @@ pub fn survey(materials: &[Material], textures: &Textures, id: MaterialId) -> Ab
         found.uv |= part.uv;
     }
     found
+}
+
+fn is_diffuse(material: &Material) -> bool {
+    matches!(material, Material::Diffuse { .. } | Material::TexturedDiffuse { .. })
 }
 
 /// Nested materials that have any weight somewhere.
@@ -58,6 +62,7 @@ fn parts(material: &Material, textures: &Textures) -> Vec<MaterialId> {
 fn has_two_sides(material: &Material) -> bool {
     match material {
         Material::Diffuse { .. }
+        | Material::TexturedDiffuse { .. }
         | Material::Conductor { .. }
         | Material::RoughConductor { .. }
         | Material::Plastic(_)
@@ -99,7 +104,8 @@ fn own_classes(material: &Material, textures: &Textures) -> LobeMask {
     let lit = |color: ColorParam, class| if_lit(textures, color, class);
     let (least, most) = (|p| textures.float_range(p).0, |p| textures.float_range(p).1);
     match material {
-        Material::Diffuse { reflectance } => lit(*reflectance, LobeMask::DIFFUSE),
+        Material::Diffuse { reflectance } => lit((*reflectance).into(), LobeMask::DIFFUSE),
+        Material::TexturedDiffuse { reflectance } => lit(ColorParam::Texture(*reflectance), LobeMask::DIFFUSE),
         Material::Dielectric { reflectance, transmittance, .. } => {
             lit(*reflectance, LobeMask::DELTA) | lit(*transmittance, LobeMask::DELTA)
         }
@@ -171,7 +177,8 @@ fn reaches_uv(textures: &Textures, id: TextureId) -> bool {
 fn texture_ids(material: &Material) -> Vec<TextureId> {
     let (mut colors, mut floats): (Vec<ColorParam>, Vec<FloatParam>) = (Vec::new(), Vec::new());
     match material {
-        Material::Diffuse { reflectance } => colors.push(*reflectance),
+        Material::TexturedDiffuse { reflectance } => colors.push(ColorParam::Texture(*reflectance)),
+        Material::Diffuse { .. } => {}
         Material::Dielectric { reflectance, transmittance, .. }
         | Material::ThinDielectric { reflectance, transmittance, .. } => colors.extend([*reflectance, *transmittance]),
         Material::RoughDielectric { roughness, reflectance, transmittance, .. } => {
@@ -218,7 +225,7 @@ mod tests {
     use crate::texture::{Bitmap, BitmapSettings, Texture};
 
     fn diffuse(v: f32) -> Material {
-        Material::Diffuse { reflectance: Rgb::splat(v).into() }
+        Material::Diffuse { reflectance: Rgb::splat(v) }
     }
 
     fn mirror() -> Material {

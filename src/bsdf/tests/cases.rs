@@ -38,7 +38,7 @@ pub fn color() -> ColorParam {
 }
 
 pub fn diffuse(reflectance: ColorParam) -> Material {
-    Material::Diffuse { reflectance }
+    Material::diffuse(reflectance)
 }
 
 pub fn glass(n: f64) -> Material {

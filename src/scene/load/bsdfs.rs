@@ -72,7 +72,7 @@ impl<'d> Loader<'d> {
         if let Some(id) = self.default_material {
             return id;
         }
-        let id = self.add_material(Material::Diffuse { reflectance: Rgb::splat(0.5).into() }, None);
+        let id = self.add_material(Material::Diffuse { reflectance: Rgb::splat(0.5) }, None);
         self.default_material = Some(id);
         id
     }
@@ -101,7 +101,7 @@ impl<'d> Loader<'d> {
 
     fn build_material(&mut self, q: Query<'d>) -> Result<Material, SceneError> {
         let material = match q.plugin() {
-            "diffuse" => Material::Diffuse { reflectance: self.reflectance(&q, "reflectance", 0.5)? },
+            "diffuse" => Material::diffuse(self.reflectance(&q, "reflectance", 0.5)?),
             "dielectric" => {
                 let (reflectance, transmittance) = self.tints(&q)?;
                 Material::Dielectric { ior: ior(&q, "bk7")?, filling: filling(&q)?, reflectance, transmittance }
