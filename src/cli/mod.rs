@@ -15,6 +15,7 @@ mod progress;
 mod reference;
 mod render;
 mod serve;
+mod values;
 mod verify;
 
 use std::path::{Path, PathBuf};
