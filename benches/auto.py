@@ -15,8 +15,9 @@ import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 METHODS = ["path", "photonmapper", "sppm", "bdpt", "vcm"]
-# Two methods that find the light of a scene; elsewhere the program's own pair.
-REFERENCE = {"pool": "sppm,vcm", "ring": "path,bdpt", "environment": "path,bdpt", "terrain": "path,bdpt"}
+# Two methods that find the light of a scene; elsewhere the program's own pair. One alone, with a seed of its own, where the
+# other comes near too slowly to agree: only photon maps find what the ring mirrors of its caustic.
+REFERENCE = {"pool": "sppm,vcm", "ring": "vcm", "environment": "path,bdpt", "terrain": "path,bdpt"}
 GOAL = 1e-2
 
 
@@ -28,9 +29,15 @@ def measure(args, scene, folder):
     """Seconds to the goal by method, the choice, and the seconds that choosing took."""
     size = ["--width", args.size, "--height", args.size]
     reference = folder / f"{scene.stem}.exr"
-    methods = ["--methods", REFERENCE[scene.stem]] if scene.stem in REFERENCE else []
-    if not reference.exists():
-        run(args, "reference", scene, "-o", reference, *size, "--time", args.reference_time, *methods)
+    methods = REFERENCE.get(scene.stem, "")
+    if reference.exists():
+        pass
+    elif methods == "vcm":
+        alone = ["--integrator", methods, "--spp", "1000000", "--seed", "1000003", "--time", args.reference_time]
+        run(args, "render", scene, "-o", reference, *size, *alone)
+    else:
+        chosen = ["--methods", methods] if methods else []
+        run(args, "reference", scene, "-o", reference, *size, "--time", args.reference_time, *chosen)
     report = folder / scene.stem
     if not (report / "report.json").exists():
         measured = ["--integrators", ",".join(METHODS), "--time", args.time, "--seeds", args.seeds]

@@ -17,13 +17,17 @@ impl FilmWindow {
         Self { size: (width, height), crop_offset: (0, 0), crop_size: (width, height) }
     }
 
+    /// Pixels of the crop window.
+    pub fn pixels(&self) -> u64 {
+        u64::from(self.crop_size.0) * u64::from(self.crop_size.1)
+    }
+
     /// The same view in at most so many pixels, give or take the rounding of its sides.
     pub fn shrunk(&self, most_pixels: u64) -> Self {
-        let pixels = u64::from(self.crop_size.0) * u64::from(self.crop_size.1);
-        if pixels <= most_pixels {
+        if self.pixels() <= most_pixels {
             return *self;
         }
-        let scale = (most_pixels as f64 / pixels as f64).sqrt();
+        let scale = (most_pixels as f64 / self.pixels() as f64).sqrt();
         let side = |n: u32| ((f64::from(n) * scale).round() as u32).max(1);
         let (w, h) = (side(self.size.0), side(self.size.1));
         let part = |offset: u32, size: u32, whole: u32| {

@@ -17,11 +17,14 @@ use crate::tally::Counters;
 /// The name that asks for a choice.
 pub const AUTO: &str = "auto";
 
-/// Passes of one camera sample per pixel in a pilot: two are the fewest that tell noise, and the pixels are many.
+/// Passes of one camera sample per pixel in a pilot at least: two are the fewest that tell noise.
 const PASSES: u64 = 2;
 
 /// Pixels of a pilot at most; a larger film is tried at a lower resolution.
 const MOST_PIXELS: u64 = 128 * 128;
+
+/// Camera samples of a pilot at least, so that rare paths are met: a small film gets more passes.
+const SAMPLES: u64 = PASSES * MOST_PIXELS;
 
 /// The error (relMSE) that the methods race to.
 const GOAL: f64 = 1e-2;
@@ -61,8 +64,8 @@ pub struct Choice {
 /// Picks a method where `auto` is asked for, by the scene or by `o`; `None` where a method is named.
 ///
 /// Candidates are the methods whose error vanishes: `path`, `sppm`, and `vcm` or, where nothing focuses light and it would
-/// be the same, `bdpt`. Each makes two passes. Their differences tell its noise, and its difference from the last, which
-/// can sample what the others can, tells light that it has not found. Cost is counted in rays and look-ups rather than in
+/// be the same, `bdpt`. Each makes two passes or, on a small film, more. Their differences tell its noise, and its difference
+/// from the last, which can sample what the others can, tells light that it has not found. Cost is counted in rays and look-ups rather than in
 /// seconds, so that the choice depends on the scene and the seed alone.
 ///
 /// # Errors
@@ -127,7 +130,7 @@ fn smooth(image: &Image) -> Image {
     })
 }
 
-/// Two passes of a method.
+/// A few passes of a method.
 struct Pilot {
     method: &'static str,
     work: f64,
@@ -141,10 +144,12 @@ struct Pilot {
 
 impl Pilot {
     fn run(scene: &Scene, method: &'static str, o: &PlanOverrides) -> Result<Self, PlanError> {
+        // In a pass of `sppm` photons are many, however few the pixels.
+        let passes = if method == "sppm" { PASSES } else { PASSES.max(SAMPLES / scene.film.window.pixels().max(1)) };
         let overrides = PlanOverrides {
             integrator: Some(method.to_owned()),
-            spp: Some(PASSES),
-            passes: Some(PASSES),
+            spp: Some(passes),
+            passes: Some(passes),
             track_error: true,
             seed: o.seed,
             photons: o.photons,
@@ -163,8 +168,8 @@ impl Pilot {
         let doubt = session.doubt().expect("the plan tracks its error");
         Ok(Self {
             method,
-            work: work(&session.summary.counters) / (PASSES as usize * image.pixels().len()) as f64,
-            noise: doubt.variance().expect("two passes").iter().map(|&v| v * PASSES as f32).collect(),
+            work: work(&session.summary.counters) / (passes as usize * image.pixels().len()) as f64,
+            noise: doubt.variance().expect("two passes").iter().map(|&v| v * passes as f32).collect(),
             means: block_means(&image),
             variance: doubt.block_variance().expect("two passes"),
             image,
@@ -199,7 +204,7 @@ fn above_noise(values: &[f64]) -> f64 {
 /// Passes until noise and blur together are below the goal.
 ///
 /// Photon maps lose noise with the 2/3rd power of the passes, and what their discs blur along edges with the cube root of
-/// it (α = 2/3). What another method has not found after two passes is not noise that its passes tell of: infinite.
+/// it (α = 2/3). What another method has not found in its pilot is not noise that its passes tell of: infinite.
 fn passes_to_goal(method: &str, noise: f64, off: f64) -> f64 {
     if method != "sppm" {
         return if off > LEAST_MISSING * GOAL { f64::INFINITY } else { (noise / GOAL).max(1.0) };
