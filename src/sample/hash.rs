@@ -39,7 +39,19 @@ pub const fn mix64(mut x: u64) -> u64 {
 /// Hash of a word under a key.
 #[inline]
 pub const fn hash_u64(key: u64, x: u64) -> u64 {
-    mix64(key ^ mix64(x.wrapping_add(0x9e37_79b9_7f4a_7c15)))
+    hash_premixed(key, premix(x))
+}
+
+/// The half of [`hash_u64`] that depends on the word alone.
+#[inline]
+pub(super) const fn premix(x: u64) -> u64 {
+    mix64(x.wrapping_add(0x9e37_79b9_7f4a_7c15))
+}
+
+/// The other half of [`hash_u64`].
+#[inline]
+pub(super) const fn hash_premixed(key: u64, premixed: u64) -> u64 {
+    mix64(key ^ premixed)
 }
 
 /// Names one family of random numbers.

@@ -1,6 +1,7 @@
 use glam::Vec2;
 use rand::rand_core::{Infallible, TryRng};
 
+use super::hash::{hash_premixed, premix};
 use super::{Key, Purpose, hash_u64, sobol};
 
 /// Which point set a [`Sampler`] draws from.
@@ -17,10 +18,23 @@ pub enum Sequence {
 #[derive(Clone, Copy, Debug)]
 pub struct Sampler {
     key: u64,
+    /// What the sequence makes of the index: its hash, or its bits in reverse.
+    prepared: u64,
     index: u32,
     dim: u32,
     sequence: Sequence,
 }
+
+/// Hashes of the first dimensions.
+const DIMENSIONS: [u64; 64] = {
+    let mut table = [0; 64];
+    let mut dim = 0;
+    while dim < table.len() {
+        table[dim] = premix(dim as u64);
+        dim += 1;
+    }
+    table
+};
 
 impl Sampler {
     /// The stream of sample `index` of the family `key`. Indices beyond 2³² start further scrambles.
@@ -28,7 +42,12 @@ impl Sampler {
     pub fn new(sequence: Sequence, key: Key, index: u64) -> Self {
         let high = index >> 32;
         let key = if high == 0 { key.0 } else { hash_u64(key.0, high) };
-        Self { key, index: index as u32, dim: 0, sequence }
+        let index = index as u32;
+        let prepared = match sequence {
+            Sequence::Independent => premix(index as u64),
+            Sequence::Sobol => index.reverse_bits() as u64,
+        };
+        Self { key, prepared, index, dim: 0, sequence }
     }
 
     /// The next number in [0, 1). Inlined, so that numbers that a branch does not use are not computed.
@@ -43,10 +62,10 @@ impl Sampler {
         let hash = self.next_hash();
         let (x, y) = match self.sequence {
             Sequence::Independent => {
-                let h = hash_u64(hash, self.index as u64);
+                let h = hash_premixed(hash, self.prepared);
                 (h as u32, (h >> 32) as u32)
             }
-            Sequence::Sobol => sobol::sample_2d(self.index, hash),
+            Sequence::Sobol => sobol::sample_2d(self.prepared as u32, hash),
         };
         Vec2::new(to_unit(x), to_unit(y))
     }
@@ -58,7 +77,7 @@ impl Sampler {
     pub fn split(&mut self, count: u32) -> impl Iterator<Item = Self> + use<> {
         let hash = self.next_hash();
         let (key, first) = match self.sequence {
-            Sequence::Independent => (hash_u64(hash, self.index as u64), 0),
+            Sequence::Independent => (hash_premixed(hash, self.prepared), 0),
             Sequence::Sobol => (hash, self.index as u64 * count as u64),
         };
         // A lone sample stays what the sequence makes it.
@@ -74,7 +93,8 @@ impl Sampler {
 
     #[inline(always)]
     fn next_hash(&mut self) -> u64 {
-        let hash = hash_u64(self.key, self.dim as u64);
+        let dimension = DIMENSIONS.get(self.dim as usize).copied().unwrap_or_else(|| premix(self.dim as u64));
+        let hash = hash_premixed(self.key, dimension);
         self.dim = self.dim.wrapping_add(1);
         hash
     }
@@ -83,8 +103,8 @@ impl Sampler {
     fn next_word(&mut self) -> u32 {
         let hash = self.next_hash();
         match self.sequence {
-            Sequence::Independent => hash_u64(hash, self.index as u64) as u32,
-            Sequence::Sobol => sobol::sample_1d(self.index, hash),
+            Sequence::Independent => hash_premixed(hash, self.prepared) as u32,
+            Sequence::Sobol => sobol::sample_1d(self.prepared as u32, hash),
         }
     }
 }

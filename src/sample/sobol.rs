@@ -12,38 +12,38 @@ fn laine_karras(mut x: u32, seed: u32) -> u32 {
     x
 }
 
-/// The second Sobol' dimension of a bit-reversed index, as the Pascal matrix modulo 2 applied by halves.
+/// The second Sobol' dimension of an index, bit-reversed, as the Pascal matrix modulo 2 applied by halves.
 #[inline]
-fn sobol_dim1(index: u32) -> u32 {
-    let mut v = index.reverse_bits();
-    v ^= v << 16;
-    v ^= (v & 0x00ff_00ff) << 8;
-    v ^= (v & 0x0f0f_0f0f) << 4;
-    v ^= (v & 0x3333_3333) << 2;
-    v ^= (v & 0x5555_5555) << 1;
+fn reversed_dim1(index: u32) -> u32 {
+    let mut v = index;
+    v ^= v >> 16;
+    v ^= (v & 0xff00_ff00) >> 8;
+    v ^= (v & 0xf0f0_f0f0) >> 4;
+    v ^= (v & 0xcccc_cccc) >> 2;
+    v ^= (v & 0xaaaa_aaaa) >> 1;
     v
 }
 
-/// Index shuffled within its power-of-two blocks.
+/// Index shuffled within its power-of-two blocks, from its bits in reverse.
 #[inline]
-fn shuffle(index: u32, seed: u32) -> u32 {
-    laine_karras(index.reverse_bits(), seed).reverse_bits()
+fn shuffle(reversed: u32, seed: u32) -> u32 {
+    laine_karras(reversed, seed).reverse_bits()
 }
 
-/// One scrambled van der Corput value.
+/// One scrambled van der Corput value of the index whose bits in reverse are given.
 #[inline]
-pub(super) fn sample_1d(index: u32, hash: u64) -> u32 {
-    let i = shuffle(index, hash as u32);
+pub(super) fn sample_1d(reversed: u32, hash: u64) -> u32 {
+    let i = shuffle(reversed, hash as u32);
     laine_karras(i, (hash >> 32) as u32).reverse_bits()
 }
 
-/// One scrambled point of the (0,2)-sequence.
+/// One scrambled point of the (0,2)-sequence, as [`sample_1d`].
 #[inline]
-pub(super) fn sample_2d(index: u32, hash: u64) -> (u32, u32) {
-    let i = shuffle(index, hash as u32);
+pub(super) fn sample_2d(reversed: u32, hash: u64) -> (u32, u32) {
+    let i = shuffle(reversed, hash as u32);
     let x = laine_karras(i, (hash >> 32) as u32).reverse_bits();
     let second = super::mix64(hash) as u32;
-    let y = laine_karras(sobol_dim1(i).reverse_bits(), second).reverse_bits();
+    let y = laine_karras(reversed_dim1(i), second).reverse_bits();
     (x, y)
 }
 
@@ -62,7 +62,7 @@ mod tests {
                 v ^= v >> 1;
                 i >>= 1;
             }
-            assert_eq!(sobol_dim1(index), r, "index {index:#x}");
+            assert_eq!(reversed_dim1(index).reverse_bits(), r, "index {index:#x}");
         }
     }
 
@@ -74,7 +74,7 @@ mod tests {
                 for a in 0..=log_n {
                     let mut seen = vec![false; 1 << log_n];
                     for i in 0..1u32 << log_n {
-                        let (x, y) = sample_2d(i, hash);
+                        let (x, y) = sample_2d(i.reverse_bits(), hash);
                         let cx = (x as u64 >> (32 - a)) as usize;
                         let cy = (y as u64 >> (32 - (log_n - a))) as usize;
                         let cell = (cx << (log_n - a)) | cy;
