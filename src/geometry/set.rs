@@ -112,6 +112,20 @@ impl GeometrySet {
         self.other_interaction(ray, hit)
     }
 
+    /// Brings what [`GeometrySet::interaction`] will read of large meshes into the caches, for many hits at a time: one waits
+    /// for memory while the others do.
+    pub fn touch(&self, hits: &[Option<Hit>]) {
+        let mut sum = 0.0;
+        for hit in hits.iter().flatten() {
+            if let Shape::Mesh(mesh) = &self.shapes[hit.shape as usize] {
+                let p = mesh.positions.as_slice();
+                let index = mesh.indices[hit.prim as usize];
+                sum += index.iter().map(|&i| p[i as usize].x).sum::<f32>();
+            }
+        }
+        std::hint::black_box(sum);
+    }
+
     /// [`GeometrySet::interaction`] on analytic shapes and instances.
     #[inline(never)]
     fn other_interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {

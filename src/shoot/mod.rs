@@ -87,9 +87,7 @@ pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emission: &Emission)
             let first = batch * PATHS_PER_BATCH;
             let last = (first + PATHS_PER_BATCH).min(emitted);
             let mut deposit = Deposit::new(settings.target, settings.walk, emitted);
-            for index in first..last {
-                deposit.trace(scene, guide, key, index);
-            }
+            deposit.trace_all(scene, guide, key, first..last);
             deposit
         })
         .collect();
@@ -125,9 +123,7 @@ fn paths_for(scene: &Scene, settings: &ShootSettings, guide: Option<&Guide>) -> 
     let stored_by = |paths: std::ops::Range<u64>| -> u64 {
         let chunk = |first: u64| {
             let mut deposit = Deposit::new(settings.target, settings.walk, PILOT);
-            for index in first..(first + CHUNK).min(paths.end) {
-                deposit.trace(scene, guide, key, index);
-            }
+            deposit.trace_all(scene, guide, key, first..(first + CHUNK).min(paths.end));
             deposit.photons.len() as u64
         };
         let chunks = (paths.end - paths.start).div_ceil(CHUNK);

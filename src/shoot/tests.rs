@@ -106,3 +106,23 @@ fn nothing_is_learnt_where_nothing_focuses() {
     assert!(Guide::learn(&scene, &settings(1, true, 4096)).is_none());
     assert_eq!(plan_emission(&scene, &settings(1, true, 4096)).paths, 0);
 }
+
+#[test]
+fn many_paths_at_a_time_store_what_each_stores_alone() {
+    let scene = scene(&format!("{FLOOR}{LAMP}{}", glass(0.0, 0.7, 0.4)));
+    for target in [Target::Caustic, Target::Global, Target::Indirect] {
+        for sequence in [Sequence::Independent, Sequence::Sobol] {
+            let walk = WalkSettings { max_depth: None, rr_depth: 1, sequence };
+            let key = Key::new(1, target.purpose(), 0);
+            let [mut alone, mut together] = [(); 2].map(|()| Deposit::new(target, walk, 5000));
+            for index in 100..5100 {
+                alone.trace(&scene, None, key, index);
+            }
+            together.trace_all(&scene, None, key, 100..5100);
+            assert!(alone.photons.len() > 100 || target == Target::Indirect, "{target:?}: {}", alone.photons.len());
+            assert_eq!(together.photons, alone.photons, "{target:?}");
+            assert_eq!((together.rejected, together.counters), (alone.rejected, alone.counters));
+            assert!(together.balance.relative_error() < 1e-12);
+        }
+    }
+}

@@ -1,9 +1,13 @@
 //! One photon path: emission, scattering with Russian roulette, deposits.
 
+use std::ops::Range;
+
+use arrayvec::ArrayVec;
+
 use super::{EnergyBalance, Guide};
 use crate::bsdf::{LobeMask, Mode};
 use crate::color::Rgb;
-use crate::geometry::{Ray, SurfaceInteraction};
+use crate::geometry::{Hit, Ray, SurfaceInteraction};
 use crate::math::Vec2;
 use crate::photon::{Photon, PhotonClass, PhotonRecord};
 use crate::sample::{Key, Purpose, Sampler, Sequence, hash_u64};
@@ -85,6 +89,26 @@ pub struct Start {
     pub pdf: f32,
 }
 
+/// Photons under way at a time in [`Deposit::trace_all`].
+const WAVE: usize = 32;
+
+/// A photon under way.
+#[derive(Clone, Debug)]
+struct Flight {
+    ray: Ray,
+    flux: Rgb,
+    sampler: Sampler,
+    /// Its path: the number, and the key of its random bits.
+    index: u64,
+    path: Key,
+    /// Surfaces met.
+    depth: u32,
+    /// Whether all of them were specular.
+    specular_chain: bool,
+    /// Whether one was diffuse or glossy.
+    scattered: bool,
+}
+
 /// The photons and tallies of one batch of paths.
 #[derive(Debug)]
 pub struct Deposit {
@@ -116,6 +140,62 @@ impl Deposit {
 
     /// Follows photon path `index` from its light to its end. Returns where it started, if it did.
     pub fn trace(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, index: u64) -> Option<Start> {
+        let (start, mut flight) = self.emit(scene, guide, key, index)?;
+        while let Some(f) = &mut flight {
+            let hit = scene.hit(&mut f.ray);
+            if !self.land(scene, f, hit) {
+                break;
+            }
+        }
+        Some(start)
+    }
+
+    /// Follows the photon paths `indices`, many at a time, with the photons that [`Deposit::trace`] of one after the other
+    /// stores, in the same order.
+    ///
+    /// A photon's way from hit to hit is one long chain of dependent steps. With many under way the processor has always
+    /// something else to do while it waits for one of them.
+    pub fn trace_all(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) {
+        let first = indices.start;
+        let mut waiting = indices.clone();
+        let mut wave: ArrayVec<Flight, WAVE> = ArrayVec::new();
+        // By photon: which path stored it.
+        let (before, mut owners) = (self.photons.len(), Vec::new());
+        loop {
+            while !wave.is_full() {
+                let Some(index) = waiting.next() else { break };
+                if let Some((_, Some(flight))) = self.emit(scene, guide, key, index) {
+                    wave.push(flight);
+                }
+            }
+            if wave.is_empty() {
+                break;
+            }
+            let mut hits = [None; WAVE];
+            for (flight, hit) in wave.iter_mut().zip(&mut hits) {
+                *hit = scene.hit(&mut flight.ray);
+            }
+            scene.geometry.touch(&hits[..wave.len()]);
+            let mut kept = 0;
+            for i in 0..wave.len() {
+                let flight = &mut wave[i];
+                let goes_on = self.land(scene, flight, hits[i]);
+                owners.resize(self.photons.len() - before, (flight.index - first) as u32);
+                if goes_on {
+                    if kept != i {
+                        wave.swap(kept, i);
+                    }
+                    kept += 1;
+                }
+            }
+            wave.truncate(kept);
+        }
+        sort_by_owner(&mut self.photons[before..], &owners, (indices.end - first) as usize);
+    }
+
+    /// Starts photon path `index`: where, and its photon on its way unless it carries nothing.
+    #[inline]
+    fn emit(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, index: u64) -> Option<(Start, Option<Flight>)> {
         let mut sampler = Sampler::new(self.walk.sequence, key, index);
         // Emit from a light chosen at random.
         let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
@@ -132,96 +212,108 @@ impl Deposit {
             self.rejected += 1;
             return None;
         }
-        if !flux.is_black() {
-            EnergyBalance::add(&mut self.balance.emitted, flux);
-            self.walk(scene, scene.from_light(le.ray), flux, &mut sampler, key.with(index));
+        if flux.is_black() {
+            return Some((start, None));
         }
-        Some(start)
+        EnergyBalance::add(&mut self.balance.emitted, flux);
+        let ray = scene.from_light(le.ray);
+        let flight = Flight {
+            ray,
+            flux,
+            sampler,
+            index,
+            path: key.with(index),
+            depth: 0,
+            specular_chain: true,
+            scattered: false,
+        };
+        Some((start, Some(flight)))
     }
 
-    /// Follows a photon of power `flux` along `ray` to its end; `path` names its path.
-    fn walk(&mut self, scene: &Scene, mut ray: Ray, mut flux: Rgb, sampler: &mut Sampler, path: Key) {
-        let (mut specular_chain, mut scattered) = (true, false);
-        let mut depth = 0u32;
-        loop {
-            // Find where the photon lands.
-            self.counters.photon_rays += 1;
-            let Some(hit) = scene.hit(&mut ray) else {
-                EnergyBalance::add(&mut self.balance.escaped, flux);
-                return;
-            };
-            let si = scene.interaction(&ray, &hit);
-            depth += 1;
-            // Store it where the surface has lobes that photons estimate.
-            let bsdf = scene.bsdf(&si);
-            let lobes = bsdf.lobes();
-            if lobes.intersects(LobeMask::SMOOTH_WIDE) && self.wants(depth, specular_chain, scattered) {
-                self.store(&si, flux, depth, specular_chain, scattered, hash_u64(path.0, depth as u64));
-            }
-            if self.target == Target::Caustic && !lobes.intersects(LobeMask::SPECULAR) {
-                EnergyBalance::add(&mut self.balance.absorbed, flux);
-                return;
-            }
-            if self.walk.max_depth.is_some_and(|d| depth >= d) {
-                EnergyBalance::add(&mut self.balance.cut, flux);
-                return;
-            }
-            // Scatter; what a caustic photon loses to diffuse lobes ends there.
-            let mask = if self.target == Target::Caustic { LobeMask::SPECULAR } else { LobeMask::ALL };
-            let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-            let sample = bsdf.sample(si.wo, u_lobe, u, Mode::Importance, mask);
-            let Some(s) = sample else {
-                EnergyBalance::add(&mut self.balance.absorbed, flux);
-                return;
-            };
-            let before = flux;
-            flux *= s.weight;
-            if !flux.is_finite() {
-                self.rejected += 1;
-                EnergyBalance::add(&mut self.balance.absorbed, before);
-                return;
-            }
-            EnergyBalance::add_loss(&mut self.balance.absorbed, before, flux);
-            if flux.is_black() {
-                return;
-            }
-            if s.lobe.intersects(LobeMask::SMOOTH_WIDE) {
-                (specular_chain, scattered) = (false, true);
-            }
-            // Russian roulette on the largest channel keeps the powers of stored photons alike [Jensen 2001, §5.2].
-            let survive = survival(flux.max_channel() / before.max_channel(), depth, self.walk.rr_depth);
-            if survive < 1.0 {
-                let unlucky = sampler.next_1d() >= survive;
-                let after = if unlucky { Rgb::BLACK } else { flux / survive };
-                EnergyBalance::add_loss(&mut self.balance.roulette, flux, after);
-                if unlucky {
-                    return;
-                }
-                flux = after;
-            }
-            ray = si.spawn_ray(s.wi);
+    /// Stores and scatters a photon where its ray has ended. False when its path ends there.
+    #[inline]
+    fn land(&mut self, scene: &Scene, flight: &mut Flight, hit: Option<Hit>) -> bool {
+        self.counters.photon_rays += 1;
+        let before = flight.flux;
+        let Some(hit) = hit else {
+            EnergyBalance::add(&mut self.balance.escaped, before);
+            return false;
+        };
+        let si = scene.interaction(&flight.ray, &hit);
+        flight.depth += 1;
+        // Store it where the surface has lobes that photons estimate.
+        let bsdf = scene.bsdf(&si);
+        let lobes = bsdf.lobes();
+        if lobes.intersects(LobeMask::SMOOTH_WIDE) && self.wants(flight) {
+            self.store(&si, flight);
         }
+        if self.target == Target::Caustic && !lobes.intersects(LobeMask::SPECULAR) {
+            EnergyBalance::add(&mut self.balance.absorbed, before);
+            return false;
+        }
+        if self.walk.max_depth.is_some_and(|d| flight.depth >= d) {
+            EnergyBalance::add(&mut self.balance.cut, before);
+            return false;
+        }
+        // Scatter; what a caustic photon loses to diffuse lobes ends there.
+        let mask = if self.target == Target::Caustic { LobeMask::SPECULAR } else { LobeMask::ALL };
+        let (u_lobe, u) = (flight.sampler.next_1d(), flight.sampler.next_2d());
+        let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Importance, mask) else {
+            EnergyBalance::add(&mut self.balance.absorbed, before);
+            return false;
+        };
+        let mut flux = before * s.weight;
+        if !flux.is_finite() {
+            self.rejected += 1;
+            EnergyBalance::add(&mut self.balance.absorbed, before);
+            return false;
+        }
+        EnergyBalance::add_loss(&mut self.balance.absorbed, before, flux);
+        if flux.is_black() {
+            return false;
+        }
+        if s.lobe.intersects(LobeMask::SMOOTH_WIDE) {
+            (flight.specular_chain, flight.scattered) = (false, true);
+        }
+        // Russian roulette on the largest channel keeps the powers of stored photons alike [Jensen 2001, §5.2].
+        let survive = survival(flux.max_channel() / before.max_channel(), flight.depth, self.walk.rr_depth);
+        if survive < 1.0 {
+            let unlucky = flight.sampler.next_1d() >= survive;
+            let after = if unlucky { Rgb::BLACK } else { flux / survive };
+            EnergyBalance::add_loss(&mut self.balance.roulette, flux, after);
+            if unlucky {
+                return false;
+            }
+            flux = after;
+        }
+        flight.flux = flux;
+        flight.ray = si.spawn_ray(s.wi);
+        true
     }
 
     /// Whether the kind of map being made wants a photon with this history.
-    fn wants(&self, depth: u32, specular_chain: bool, scattered: bool) -> bool {
+    #[inline]
+    fn wants(&self, flight: &Flight) -> bool {
         match self.target {
-            Target::Caustic => specular_chain && depth > 1,
+            Target::Caustic => flight.specular_chain && flight.depth > 1,
             Target::Global => true,
-            Target::Indirect => scattered,
+            Target::Indirect => flight.scattered,
         }
     }
 
-    fn store(&mut self, si: &SurfaceInteraction, power: Rgb, depth: u32, chain: bool, scattered: bool, bits: u64) {
+    #[inline]
+    fn store(&mut self, si: &SurfaceInteraction, flight: &Flight) {
+        let Flight { flux: power, depth, specular_chain, scattered, path, .. } = *flight;
         let record = PhotonRecord {
             p: si.p,
             power,
             wi: si.wo,
             side: si.wo.dot(si.ng) > 0.0,
             normal: si.ng,
-            class: if chain && depth > 1 { PhotonClass::Caustic } else { PhotonClass::Global },
+            class: if specular_chain && depth > 1 { PhotonClass::Caustic } else { PhotonClass::Global },
             mark: !scattered,
         };
+        let bits = hash_u64(path.0, depth as u64);
         match Photon::pack(&record, hash_u64(bits, Purpose::Quantize as u64)) {
             Ok(photon) => {
                 self.stored_power += power.max_channel() as f64;
@@ -229,5 +321,21 @@ impl Deposit {
             }
             Err(_) => self.rejected += 1,
         }
+    }
+}
+
+/// Puts photons into the order of the paths that stored them, those of one path as they are.
+fn sort_by_owner(photons: &mut [Photon], owners: &[u32], paths: usize) {
+    let mut next = vec![0u32; paths + 1];
+    for &o in owners {
+        next[o as usize + 1] += 1;
+    }
+    for i in 1..next.len() {
+        next[i] += next[i - 1];
+    }
+    let unsorted = photons.to_vec();
+    for (photon, &o) in unsorted.iter().zip(owners) {
+        photons[next[o as usize] as usize] = *photon;
+        next[o as usize] += 1;
     }
 }
