@@ -15,6 +15,7 @@ pub mod image;
 pub mod integrator;
 pub mod light;
 pub mod math;
+mod pages;
 pub mod photon;
 pub mod render;
 pub mod report;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 const STOREYS: &[(&str, u32)] = &[
     ("math", 0),
+    ("pages", 0),
     ("tally", 0),
     ("color", 1),
     ("sample", 1),

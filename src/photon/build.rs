@@ -5,7 +5,10 @@
 //! same place are as good as any others.
 
 use super::heap;
-use super::packed::Photon;
+use super::layout::BLOCK;
+use super::packed::{Flags, Photon};
+use super::simd::{Level, Simd, Task};
+use crate::pages::Pages;
 use rayon::prelude::*;
 
 /// Subtrees of at least this many photons are balanced as two parallel halves.
@@ -38,52 +41,62 @@ fn ordered(v: f32) -> u32 {
     (bits ^ (bits >> 31 | i32::MIN)) as u32
 }
 
-/// Memory of keys, on huge pages where the system has them: at eight million photons, clearing small pages one by one would
-/// take a tenth of the time.
-pub(crate) struct Keys(Option<memmap2::MmapMut>, Vec<Key>);
+/// What the balancing does not move.
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C, align(8))]
+pub(crate) struct Cold {
+    pub power: [u8; 4],
+    pub direction: [u8; 2],
+    pub flags: Flags,
+}
 
-impl Keys {
-    fn new(n: usize) -> Self {
-        let bytes = n * size_of::<Key>();
-        let pages = (bytes >= 1 << 21).then(|| memmap2::MmapMut::map_anon(bytes).ok()).flatten();
-        if let Some(pages) = &pages {
-            #[cfg(target_os = "linux")]
-            // Only advice: without it the pages are small.
-            let _ = pages.advise(memmap2::Advice::HugePage);
+/// Keys in the tree's left-to-right order and the split axis of each, and what stays in emission order.
+pub(crate) struct Balanced {
+    keys: Pages<Key>,
+    axes: Vec<u8>,
+    cold: Vec<Cold>,
+}
+
+impl Balanced {
+    /// Balances photons, and gives back their memory first.
+    pub fn new(photons: Vec<Photon>) -> Self {
+        let n = photons.len();
+        let mut keys = Pages::<Key>::zeroed(n);
+        keys.par_chunks_mut(PARALLEL_FROM).zip(photons.par_chunks(PARALLEL_FROM)).enumerate().for_each(
+            |(chunk, (keys, photons))| {
+                for (i, (key, photon)) in keys.iter_mut().zip(photons).enumerate() {
+                    *key = Key { p: photon.position, id: (chunk * PARALLEL_FROM + i) as u32 };
+                }
+            },
+        );
+        let cold = |p: &Photon| Cold { power: p.power, direction: p.direction, flags: p.flags };
+        let cold = photons.par_iter().with_min_len(PARALLEL_FROM).map(cold).collect();
+        drop(photons);
+        let mut axes = vec![0; n];
+        balance_range(Level::best(), &mut keys, &mut axes);
+        Self { keys, axes, cold }
+    }
+
+    /// The photons at these places from left to right. One waits for memory while the others do.
+    pub fn gather(&self, places: &[usize], photons: &mut [Photon]) {
+        let mut colds = [Cold { power: [0; 4], direction: [0; 2], flags: Flags(0) }; BLOCK];
+        for (cold, &place) in colds.iter_mut().zip(places) {
+            *cold = self.cold[self.keys[place].id as usize];
         }
-        let small = if pages.is_some() { Vec::new() } else { vec![Key { p: [0.0; 3], id: 0 }; n] };
-        Self(pages, small)
-    }
-
-    pub fn as_slice(&self) -> &[Key] {
-        self.0.as_deref().map_or(&self.1, bytemuck::cast_slice)
-    }
-
-    fn as_mut_slice(&mut self) -> &mut [Key] {
-        self.0.as_deref_mut().map_or(&mut self.1, bytemuck::cast_slice_mut)
+        for ((photon, cold), &place) in photons.iter_mut().zip(&colds).zip(places) {
+            let Cold { power, direction, flags } = *cold;
+            let flags = flags.with_axis(u16::from(self.axes[place]));
+            *photon = Photon { position: self.keys[place].p, power, direction, flags };
+        }
     }
 }
 
-/// Keys in the tree's left-to-right order, and the split axis of each.
-pub(crate) fn balance(photons: &[Photon]) -> (Keys, Vec<u8>) {
-    let mut keys = Keys::new(photons.len());
-    let slice = keys.as_mut_slice();
-    (slice.par_chunks_mut(PARALLEL_FROM).zip(photons.par_chunks(PARALLEL_FROM)).enumerate()).for_each(
-        |(chunk, (keys, photons))| {
-            for (i, (key, photon)) in keys.iter_mut().zip(photons).enumerate() {
-                *key = Key { p: photon.position, id: (chunk * PARALLEL_FROM + i) as u32 };
-            }
-        },
-    );
-    let mut axes = vec![0; slice.len()];
-    balance_range(slice, &mut axes);
-    (keys, axes)
-}
-
-fn balance_range(keys: &mut [Key], axes: &mut [u8]) {
+fn balance_range(level: Level, keys: &mut [Key], axes: &mut [u8]) {
     let n = keys.len();
     if n < SMALL {
-        return Small::balance(keys, axes);
+        return if n > 1 {
+            level.run(Bottom { keys, axes })
+        };
     }
     // Put the photon of the root's rank in its place, smaller ones to its left.
     let axis = widest_axis(keys);
@@ -100,10 +113,10 @@ fn balance_range(keys: &mut [Key], axes: &mut [u8]) {
     let (left_axes, right_axes) = axes.split_at_mut(middle);
     let (right, right_axes) = (&mut right[1..], &mut right_axes[1..]);
     if n >= PARALLEL_FROM {
-        rayon::join(|| balance_range(left, left_axes), || balance_range(right, right_axes));
+        rayon::join(|| balance_range(level, left, left_axes), || balance_range(level, right, right_axes));
     } else {
-        balance_range(left, left_axes);
-        balance_range(right, right_axes);
+        balance_range(level, left, left_axes);
+        balance_range(level, right, right_axes);
     }
 }
 
@@ -138,15 +151,22 @@ struct Small {
     axes: [u8; SMALL],
 }
 
-impl Small {
-    fn balance(keys: &mut [Key], axes: &mut [u8]) {
+/// The bottom of the tree under a few photons, at least two.
+struct Bottom<'a> {
+    keys: &'a mut [Key],
+    axes: &'a mut [u8],
+}
+
+impl Task for Bottom<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { keys, axes } = self;
         let n = keys.len();
-        if n < 2 {
-            return;
-        }
         let none = [[0; SMALL]; 3];
         let mut small =
-            Self { sorted: [[0.0; SMALL]; 3], label: none, rank: none, order: [0; SMALL], axes: [0; SMALL] };
+            Small { sorted: [[0.0; SMALL]; 3], label: none, rank: none, order: [0; SMALL], axes: [0; SMALL] };
         small.sort::<0>(keys);
         small.sort::<1>(keys);
         small.sort::<2>(keys);
@@ -159,31 +179,50 @@ impl Small {
         }
         axes.copy_from_slice(&small.axes[..n]);
     }
+}
 
+impl Small {
     /// Sorts along one axis, ties by emission index.
+    #[inline(always)]
     fn sort<const AXIS: usize>(&mut self, keys: &[Key]) {
-        let mut values = [0u64; SMALL];
-        let values = &mut values[..keys.len()];
-        for (label, (value, key)) in values.iter_mut().zip(keys).enumerate() {
-            *value = u64::from(ordered(key.p[AXIS])) << 32 | label as u64;
+        let mut values = [u32::MAX; SMALL];
+        for (value, key) in values.iter_mut().zip(keys) {
+            *value = ordered(key.p[AXIS]);
         }
-        let coordinate = |value: &u64| value >> 32;
-        if values.iter().all(|v| coordinate(v) == coordinate(&values[0])) {
+        if values[..keys.len()].iter().all(|v| *v == values[0]) {
             // All on one plane, as on a wall: by emission index alone.
-            for (label, (value, key)) in values.iter_mut().zip(keys).enumerate() {
-                *value = u64::from(key.id) << 32 | label as u64;
+            for (value, key) in values.iter_mut().zip(keys) {
+                *value = key.id;
             }
         }
-        values.sort_unstable();
-        if values.windows(2).any(|v| coordinate(&v[0]) == coordinate(&v[1])) {
-            values.sort_unstable_by_key(|v| keys[*v as u32 as usize].order::<AXIS>());
+        let ranks = ranks(&values);
+        let taken = ranks[..keys.len()].iter().fold(0u64, |set, r| set | 1 << (r % 64));
+        if taken.count_ones() as usize == keys.len() {
+            for (label, (&rank, key)) in ranks.iter().zip(keys).enumerate() {
+                self.place::<AXIS>(rank as usize % SMALL, label, key);
+            }
+        } else {
+            self.sort_with_ties::<AXIS>(keys);
         }
-        for (rank, value) in values.iter().enumerate() {
-            let label = *value as usize % SMALL;
-            self.sorted[AXIS][rank] = keys[label].p[AXIS];
-            self.label[AXIS][rank] = label as u8;
-            self.rank[AXIS][label] = rank as u8;
+    }
+
+    /// [`Small::sort`] where coordinates repeat.
+    #[inline(never)]
+    fn sort_with_ties<const AXIS: usize>(&mut self, keys: &[Key]) {
+        let mut labels: [u8; SMALL] = std::array::from_fn(|i| i as u8);
+        let labels = &mut labels[..keys.len()];
+        labels.sort_unstable_by_key(|&label| keys[label as usize].order::<AXIS>());
+        for (rank, &label) in labels.iter().enumerate() {
+            self.place::<AXIS>(rank, label as usize, &keys[label as usize]);
         }
+    }
+
+    /// The photon `label` has this rank along the axis.
+    #[inline(always)]
+    fn place<const AXIS: usize>(&mut self, rank: usize, label: usize, key: &Key) {
+        self.sorted[AXIS][rank] = key.p[AXIS];
+        self.label[AXIS][rank] = label as u8;
+        self.rank[AXIS][label] = rank as u8;
     }
 
     /// Balances the photons whose ranks along the axes are the bits of `sets`, at least one, from the place `first` on.
@@ -222,4 +261,16 @@ impl Small {
             self.node(right, first + middle + 1);
         }
     }
+}
+
+/// How many values are less than each. Every pair is compared: with vectors that is a fraction of a sort's time.
+#[inline(always)]
+fn ranks(values: &[u32; SMALL]) -> [u32; SMALL] {
+    let mut ranks = [0; SMALL];
+    for v in values {
+        for (rank, w) in ranks.iter_mut().zip(values) {
+            *rank += u32::from(v < w);
+        }
+    }
+    ranks
 }

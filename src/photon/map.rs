@@ -1,7 +1,7 @@
 //! The balanced photon map.
 
-use super::build;
-use super::layout::Layout;
+use super::build::Balanced;
+use super::layout::{BLOCK, Layout};
 use super::packed::{Flags, Photon, storable};
 use super::{direction, heap};
 use crate::color::{Rgb, rgbe};
@@ -20,7 +20,7 @@ pub(crate) struct Positions(Vec<Line>);
 
 impl Positions {
     fn new(layout: &Layout) -> Self {
-        Self(vec![Line([f32::INFINITY; 16]); 3 * layout.places() / 16])
+        Self(vec![Line([0.0; 16]); 3 * layout.places() / 16])
     }
 
     #[inline(always)]
@@ -78,21 +78,21 @@ impl PhotonMap {
         let given = photons.len();
         photons.retain(|p| storable(Vec3::from_array(p.position)));
         let rejected = (given - photons.len()) as u64;
-        let (keys, axes) = build::balance(&photons);
-        let keys = keys.as_slice();
         let n = photons.len();
-        let mut map = Self::lay_out(n, directions, |slot| {
-            let rank = heap::rank(slot, n);
-            let key = &keys[rank];
-            let photon = &photons[key.id as usize];
-            Photon { position: key.p, flags: photon.flags.with_axis(u16::from(axes[rank])), ..*photon }
+        let balanced = Balanced::new(photons);
+        let mut map = Self::lay_out(n, directions, |slots, photons| {
+            let mut ranks = [0; BLOCK];
+            for (rank, &slot) in ranks.iter_mut().zip(slots) {
+                *rank = heap::rank(slot, n);
+            }
+            balanced.gather(&ranks[..slots.len()], photons);
         });
         map.rejected = rejected;
         map
     }
 
-    /// A map whose slot `i`, from 1 to n, holds the photon `photon(i)`.
-    fn lay_out(n: usize, directions: bool, photon: impl Fn(usize) -> Photon + Sync) -> Self {
+    /// A map of n photons; `fill` finds those of some slots, at most a block's.
+    fn lay_out(n: usize, directions: bool, fill: impl Fn(&[usize], &mut [Photon]) + Sync) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         assert!(u32::try_from(n).is_ok(), "a photon map holds at most 2^32 - 1 photons");
         let layout = Layout::new(n);
@@ -118,10 +118,15 @@ impl PhotonMap {
             .map(|(block, (p, c, d, f))| {
                 let lanes = p.len() / 3;
                 let mut bounds = Bounds3::EMPTY;
-                let first = usize::from(block == 0);
-                for (i, (c, f)) in c.iter_mut().zip(f).enumerate() {
+                let (first, used) = (usize::from(block == 0), c.len());
+                let (mut slots, mut photons) = ([0; BLOCK], [Photon::default(); BLOCK]);
+                for (i, slot) in slots[..used].iter_mut().enumerate() {
+                    *slot = layout.slot(block, i + first);
+                }
+                fill(&slots[..used], &mut photons[..used]);
+                p.fill(f32::INFINITY);
+                for (i, ((c, f), photon)) in c.iter_mut().zip(f).zip(&photons).enumerate() {
                     let lane = i + first;
-                    let photon = photon(layout.slot(block, lane));
                     bounds = bounds.extend(Vec3::from_array(photon.position));
                     [p[lane], p[lane + lanes], p[lane + 2 * lanes]] = photon.position;
                     (*c, *f) = (photon.power, photon.flags);
@@ -156,7 +161,11 @@ impl PhotonMap {
         if !photons.iter().all(|p| storable(Vec3::from_array(p.position)) && p.flags.axis() < 3) {
             return None;
         }
-        let map = Self::lay_out(photons.len(), true, |slot| photons[slot - 1]);
+        let map = Self::lay_out(photons.len(), true, |slots, out| {
+            for (photon, &slot) in out.iter_mut().zip(slots) {
+                *photon = photons[slot - 1];
+            }
+        });
         map.is_heap().then_some(map)
     }
 

@@ -6,7 +6,6 @@
 
 mod binned;
 mod kernel;
-mod pages;
 mod parts;
 mod presplit;
 mod simd;

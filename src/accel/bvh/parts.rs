@@ -6,9 +6,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::binned::{Box8, PrimRef};
-use super::pages::Pages;
 use crate::geometry::{GeometrySet, Shape, TriangleMesh};
 use crate::math::Bounds3;
+use crate::pages::Pages;
 
 pub(super) const KIND_TRIANGLE: u32 = 0;
 pub(super) const KIND_QUADRIC: u32 = 1;

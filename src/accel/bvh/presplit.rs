@@ -9,9 +9,9 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::binned::{Box8, PrimRef};
-use super::pages::Pages;
 use super::parts::{KIND_TRIANGLE, Parts};
 use crate::math::Bounds3;
+use crate::pages::Pages;
 
 /// References that may be added, relative to those that are there.
 const BUDGET: f64 = 0.3;

@@ -4,10 +4,10 @@ use arrayvec::ArrayVec;
 use rayon::prelude::*;
 
 use super::binned::{Bins, Box8, Piece, PrimRef, Recipe, open};
-use super::pages::Pages;
 use super::parts::{KIND_QUADRIC, KIND_TRIANGLE, Parts};
 use super::{Quality, presplit};
 use crate::math::Bounds3;
+use crate::pages::Pages;
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;

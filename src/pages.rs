@@ -1,4 +1,5 @@
-//! Arrays on large pages: a ray visits a tree at random, and with small pages every visit also misses the page table.
+//! Arrays on large pages: rays and queries visit their trees at random, and with small pages every visit also misses the
+//! page table.
 
 use std::ops::{Deref, DerefMut};
 
@@ -9,7 +10,7 @@ const LARGE: usize = 4 << 20;
 
 /// An array of zeros that may grow up to the capacity that it was made with.
 #[derive(Debug)]
-pub(super) enum Pages<T> {
+pub(crate) enum Pages<T> {
     Small(Vec<T>),
     /// The mapping and the number of elements in use. Pages that nobody has touched take no memory.
     Mapped(memmap2::MmapMut, usize),
