@@ -20,7 +20,7 @@ pub(crate) struct Positions(Vec<Line>);
 
 impl Positions {
     fn new(layout: &Layout) -> Self {
-        Self(vec![Line([0.0; 16]); 3 * layout.places() / 16])
+        Self(bytemuck::zeroed_vec(3 * layout.places() / 16))
     }
 
     #[inline(always)]
@@ -76,7 +76,10 @@ impl PhotonMap {
     /// `directions` false it keeps none, which saves two bytes a photon.
     pub fn build_with(mut photons: Vec<Photon>, directions: bool) -> Self {
         let given = photons.len();
-        photons.retain(|p| storable(Vec3::from_array(p.position)));
+        let good = |p: &Photon| storable(Vec3::from_array(p.position));
+        if !photons.par_iter().with_min_len(1 << 14).all(good) {
+            photons.retain(good);
+        }
         let rejected = (given - photons.len()) as u64;
         let n = photons.len();
         let balanced = Balanced::new(photons);
@@ -97,7 +100,7 @@ impl PhotonMap {
         assert!(u32::try_from(n).is_ok(), "a photon map holds at most 2^32 - 1 photons");
         let layout = Layout::new(n);
         let mut positions = Positions::new(&layout);
-        let (mut power, mut flags) = (vec![[0; 4]; n], vec![Flags(0); n]);
+        let (mut power, mut flags) = (vec![[0; 4]; n], bytemuck::zeroed_vec(n));
         let mut direction = vec![[0; 2]; if directions { n } else { 0 }];
 
         // A block at a time: its positions are one run of 3·lanes floats, its cold bytes one run of places.
