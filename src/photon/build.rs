@@ -94,9 +94,10 @@ impl Balanced {
 fn balance_range(level: Level, keys: &mut [Key], axes: &mut [u8]) {
     let n = keys.len();
     if n < SMALL {
-        return if n > 1 {
-            level.run(Bottom { keys, axes })
-        };
+        if n > 1 {
+            level.run(Bottom { keys, axes });
+        }
+        return;
     }
     // Put the photon of the root's rank in its place, smaller ones to its left.
     let axis = widest_axis(keys);

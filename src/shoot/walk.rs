@@ -153,8 +153,8 @@ impl Deposit {
     /// Follows the photon paths `indices`, many at a time, with the photons that [`Deposit::trace`] of one after the other
     /// stores, in the same order.
     ///
-    /// A photon's way from hit to hit is one long chain of dependent steps. With many under way the processor has always
-    /// something else to do while it waits for one of them.
+    /// A photon's way from hit to hit is one long chain of steps that depend on each other, and on a large mesh half of their
+    /// time is waiting for the triangle that was hit. Many under way at a time wait together.
     pub fn trace_all(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) {
         let first = indices.start;
         let mut waiting = indices.clone();
