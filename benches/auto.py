@@ -25,22 +25,26 @@ def run(args, *command):
     return subprocess.run([str(c) for c in (args.caustica, *command)], check=True, capture_output=True, text=True).stdout
 
 
-def measure(args, scene, folder):
-    """Seconds to the goal by method, the choice, and the seconds that choosing took."""
-    size = ["--width", args.size, "--height", args.size]
-    reference = folder / f"{scene.stem}.exr"
+def make_reference(args, scene, reference, size):
+    """The picture to measure by, from two methods that agree or, where no second one can, from one."""
     methods = REFERENCE.get(scene.stem, "")
-    if reference.exists():
-        pass
-    elif methods == "vcm":
+    if methods == "vcm":
         alone = ["--integrator", methods, "--spp", "1000000", "--seed", "1000003", "--time", args.reference_time]
         run(args, "render", scene, "-o", reference, *size, *alone)
     else:
         chosen = ["--methods", methods] if methods else []
         run(args, "reference", scene, "-o", reference, *size, "--time", args.reference_time, *chosen)
+
+
+def measure(args, scene, folder):
+    """Seconds to the goal by method, the choice, and the seconds that choosing took."""
+    size = ["--width", args.size, "--height", args.size] if args.size else []
+    reference = folder / f"{scene.stem}.exr"
+    if not reference.exists():
+        make_reference(args, scene, reference, size)
     report = folder / scene.stem
     if not (report / "report.json").exists():
-        measured = ["--integrators", ",".join(METHODS), "--time", args.time, "--seeds", args.seeds]
+        measured = ["--integrators", args.methods, "--time", args.time, "--seeds", args.seeds]
         run(args, "converge", scene, "-o", report, *size, "--reference", reference, *measured)
     found = json.loads((report / "report.json").read_text())
     times = {}
@@ -60,7 +64,8 @@ def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("scenes", nargs="*", help="names of scenes in scenes/, all by default")
     p.add_argument("--caustica", default=ROOT / "target/release/caustica")
-    p.add_argument("--size", default="128", help="width and height of the pictures")
+    p.add_argument("--size", help="width and height of the pictures; by default those of the scene files")
+    p.add_argument("--methods", default=",".join(METHODS), help="the methods to measure, by commas")
     p.add_argument("--time", default="15s")
     p.add_argument("--reference-time", default="60s")
     p.add_argument("--seeds", default="1")
@@ -78,9 +83,9 @@ def main():
                 print(f"| {scene.stem} | needs its mesh: see the scene file |")
                 continue
             times, method, pilot = measure(args, scene, folder)
-            cells = ["–" if times[m] is None else f"{times[m]:.2f} s" for m in METHODS]
+            cells = ["–" if times.get(m) is None else f"{times[m]:.2f} s" for m in METHODS]
             best = min((t for t in times.values() if t is not None), default=None)
-            ratio = "–" if None in (best, times[method]) else f"{(times[method] + pilot) / best:.2f}"
+            ratio = "–" if None in (best, times.get(method)) else f"{(times[method] + pilot) / best:.2f}"
             print(f"| {scene.stem} | " + " | ".join(cells) + f" | {method} | {pilot:.2f} s | {ratio} |", flush=True)
 
 

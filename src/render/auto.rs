@@ -29,6 +29,10 @@ const SAMPLES: u64 = PASSES * MOST_PIXELS;
 /// The error (relMSE) that the methods race to.
 const GOAL: f64 = 1e-2;
 
+/// Rays per pixel that the pilots of the other methods take together: where `path` has all light and is done for no more,
+/// asking them costs as much as they could save.
+const OTHER_PILOTS: f64 = 64.0;
+
 /// Share of the goal that light which a method has not found may take; beyond, its noise cannot be believed.
 const LEAST_MISSING: f64 = 0.25;
 
@@ -65,8 +69,9 @@ pub struct Choice {
 ///
 /// Candidates are the methods whose error vanishes: `path`, `sppm`, and `vcm` or, where nothing focuses light and it would
 /// be the same, `bdpt`. Each makes two passes or, on a small film, more. Their differences tell its noise, and its difference
-/// from the last, which can sample what the others can, tells light that it has not found. Cost is counted in rays and look-ups rather than in
-/// seconds, so that the choice depends on the scene and the seed alone.
+/// from the last, which can sample what the others can, tells light that it has not found. Where nothing focuses light and
+/// `path` promises to be done before the others have been tried, it is taken without them. Cost is counted in rays and look-ups
+/// rather than in seconds, so that the choice depends on the scene and the seed alone.
 ///
 /// # Errors
 /// As [`Plan::new`].
@@ -86,10 +91,22 @@ pub fn choose(scene: &mut Scene, o: &PlanOverrides) -> Result<Option<Choice>, Pl
     let window = film.window.shrunk(MOST_PIXELS);
     scene.camera = camera.with_film(window);
     (scene.film.window, scene.film.width, scene.film.height) = (window, window.crop_size.0, window.crop_size.1);
-    let pilots: Result<Vec<Pilot>, PlanError> =
-        ["path", "sppm", widest].into_iter().map(|method| Pilot::run(scene, method, o)).collect();
+    let pilots = pilots(scene, widest, o);
     (scene.camera, scene.film) = (camera, film);
     Ok(Some(judge(&pilots?)))
+}
+
+/// Tries the candidates on the film of `scene`, the one that can sample what all others can last.
+fn pilots(scene: &Scene, widest: &'static str, o: &PlanOverrides) -> Result<Vec<Pilot>, PlanError> {
+    let mut pilots = vec![Pilot::run(scene, "path", o)?];
+    // Path tracing meets all light that nothing focuses.
+    if widest == "bdpt" && judge(&pilots).trials[0].work_to_goal() <= OTHER_PILOTS {
+        return Ok(pilots);
+    }
+    for method in ["sppm", widest] {
+        pilots.push(Pilot::run(scene, method, o)?);
+    }
+    Ok(pilots)
 }
 
 /// Compares all with the last.
