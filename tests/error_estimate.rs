@@ -63,6 +63,45 @@ fn a_path_tracer_has_no_bias_and_a_photon_mapper_some() {
     assert!(bias("photonmapper").iter().any(|b| !b.is_black()));
 }
 
+/// A floor whose radiance is (1 + x²)^(−3/2) is curved, not edged: blur goes with the square of the radius, and what is told of
+/// it is up to 0.5/(1 − √½) = 1.71 times as much. Mean over the middle 4 × 4 pixels, which the wide discs darken.
+#[test]
+fn merging_tells_its_blur() {
+    // A pass of vcm has one light path a pixel.
+    for (method, passes) in [("sppm", 64), ("ppm", 64), ("vcm", 4096)] {
+        let settings = r#"<float name="initial_radius" value="0.4"/><float name="alpha" value="1"/>"#;
+        let xml = common::floor_under_a_pane(settings).replace(r#"type="sppm""#, &format!(r#"type="{method}""#));
+        let scene = common::scene(&xml, AccelKind::Bvh);
+        let o = PlanOverrides { track_bias: true, photons: Some(20_000), ..overrides(method, 5) };
+        let rendering = common::run(&scene, PlanOverrides { spp: Some(passes), passes: Some(passes), ..o });
+        let (w, bias) = (rendering.image.width(), rendering.image.layer("bias").expect("a layer"));
+        let middle = (4..8).flat_map(|y| (4..8).map(move |x| (x, y)));
+        let (mut off, mut told) = (0.0, 0.0);
+        for (x, y) in middle {
+            off += f64::from(rendering.image.pixel(x, y).g) - common::floor_truth(x, y);
+            told += f64::from(bias[(y * w + x) as usize].g);
+        }
+        println!("{method}: {} {}", off / 16.0, told / 16.0);
+        assert!(off < -0.1 && (1.2..2.2).contains(&(told / off)), "{method}: off {off}, told {told}");
+    }
+}
+
+/// A wanted error counts blur: with discs that do not shrink, passes alone never reach it.
+#[test]
+fn blur_that_stays_keeps_a_render_going() {
+    let settings = r#"<float name="initial_radius" value="0.4"/><float name="alpha" value="1"/>"#;
+    let scene = common::scene(&common::floor_under_a_pane(settings), AccelKind::Bvh);
+    let o = PlanOverrides {
+        target_error: Some(1e-3),
+        photons: Some(20_000),
+        spp: Some(40),
+        passes: Some(40),
+        ..overrides("sppm", 5)
+    };
+    let summary = common::run(&scene, o).summary;
+    assert!(summary.passes == 40 && summary.estimated_relmse.is_some_and(|e| e > 1e-3), "{summary:?}");
+}
+
 /// How often intervals of nominally 90 % around block means hold the truth.
 #[cfg(feature = "slow-tests")]
 mod coverage {

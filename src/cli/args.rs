@@ -223,11 +223,12 @@ pub struct RenderArgs {
     /// Stop after the pass that is running when this time is over, for example 30s or 5min.
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub time: Option<Duration>,
-    /// Stop when the render's own estimate of this error is below the given value, for example relmse=1e-3.
+    /// Stop when the render's own estimate of this error is below the given value, for example relmse=1e-3. It counts noise
+    /// and, where photons are used, blur: every fourth pass is read again for that.
     #[arg(long, value_name = "relmse=VALUE", value_parser = target_error)]
     pub target_error: Option<f64>,
     /// Layers to write into .exr beside the colour: variance (of each pixel and, as blockvariance, of each block of
-    /// 16 x 16), bias (of photon maps; doubles the time of camera passes); and of photonmapper's maps, seen directly:
+    /// 16 x 16), bias (of photon maps and of merging; doubles the time of camera passes); and of photonmapper's maps, seen directly:
     /// photons (all maps), caustic, global, direct (what is not of photons), density (photons per unit of area), cache
     /// (records of the irradiance cache). Beside a .png these last become pictures FILE.LAYER.png of their own.
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]

@@ -167,12 +167,6 @@ fn check_aovs(plan: &Plan) -> Result<(), CliError> {
                 .to_owned(),
         ));
     }
-    if plan.track_bias && ["ppm", "sppm", "vcm"].contains(&plan.method.name()) {
-        return Err(CliError::Usage(format!(
-            "--aov bias is not known for {}, whose bias vanishes as its radii shrink; photonmapper has one that stays",
-            plan.method.name()
-        )));
-    }
     Ok(())
 }
 

@@ -72,6 +72,11 @@ impl Film {
         }
     }
 
+    /// An empty film of the same window, filter and clamp.
+    pub fn fresh(&self) -> Self {
+        Self::new(self.window, self.filter).with_clamp(self.clamp.limit)
+    }
+
     /// Dims samples and splats whose largest channel is above `limit`, and counts what that takes away.
     pub fn with_clamp(mut self, limit: Option<f32>) -> Self {
         self.clamp = Clamp::new(limit);

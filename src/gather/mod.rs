@@ -14,5 +14,5 @@ pub use area::AreaSettings;
 pub use boundary::{Clearing, Patch};
 pub use direct::{MetLight, met_light, power_heuristic, sample_direct, sample_direct_unless, sample_lobe_light};
 pub use fixed::{RadiusEstimate, RadiusMap};
-pub use photons::{LookupSettings, MapEstimate, PhotonMaps};
+pub use photons::{LookupSettings, MapEstimate, NARROW, PhotonMaps};
 pub use shadows::ShadowMap;

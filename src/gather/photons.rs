@@ -36,6 +36,9 @@ pub struct MapEstimate {
     pub radius_sq: f32,
 }
 
+/// Share of their area in which photon maps are read once more to tell the bias of estimates.
+pub const NARROW: f32 = 0.5;
+
 /// Photons whose surface is turned further than this (60°) from the one they are gathered on do not count.
 pub(super) const MIN_NORMAL_COS: f32 = 0.5;
 
@@ -102,11 +105,11 @@ impl PhotonMaps {
         self.global.as_mut().is_some_and(|global| global.irradiance.take().is_some())
     }
 
-    /// Reads all maps from now on with half as many photons, within half the area.
+    /// Reads all maps from now on with a share [`NARROW`] of the photons, within that share of the area.
     pub fn narrow(&mut self) {
         for lookup in [&mut self.caustic, &mut self.global].into_iter().flatten() {
-            lookup.size = (lookup.size / 2).max(1);
-            lookup.max_radius_sq *= 0.5;
+            lookup.size = ((lookup.size as f32 * NARROW) as usize).max(1);
+            lookup.max_radius_sq *= NARROW;
         }
     }
 

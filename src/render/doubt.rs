@@ -12,10 +12,11 @@ pub const MIN_PASSES: u64 = 4;
 ///
 /// A density estimate is off in proportion to the radius of its disc where the disc reaches over the edge of a surface or of
 /// light, and in proportion to its square where the light is only curved [Silverman 1986, §4.3.1]. Edges are what blocks of
-/// pixels see most, so bias is taken to go with the radius: estimates from half the photons in half the area then have √½ of
-/// it, and 1/(1 − √½) times the difference of the two pictures is all of it (Richardson's extrapolation). What precomputed
-/// irradiance adds to that is told by a picture without. It is an estimate of the leading term: where there are no edges it
-/// says up to 1.7 times too much, and interpolation in an irradiance cache is no part of it. Methods without a map have none.
+/// pixels see most, so bias is taken to go with the radius: estimates from half the photons in half the area
+/// ([`NARROW`](crate::gather::NARROW)) then have √½ of it, and 1/(1 − √½) times the difference of the two pictures is all of
+/// it (Richardson's extrapolation). What precomputed irradiance adds to that is told by a picture without. It is an estimate
+/// of the leading term: where there are no edges it says up to 1.7 times too much, and interpolation in an irradiance cache
+/// is no part of it. Of `vcm` it is what merging within smaller radii changes. Methods without density estimates have none.
 #[derive(Clone, Debug)]
 pub struct Doubt {
     /// Of the pixels, and of the means over blocks, which notice noise that neighbours share.
@@ -43,13 +44,11 @@ impl Doubt {
         }
     }
 
-    /// Adds a pass with `spp` samples a pixel and its bias, where it has any.
+    /// Adds a pass with `spp` samples a pixel and its bias, where that was looked at.
     pub(super) fn add(&mut self, pass: &Image, of_pass: Option<PassBias>, spp: u64) {
         self.pixels.add(pass, spp);
         self.blocks.add(&block_means(pass), spp);
-        if let Some(bias) = &mut self.bias {
-            let none = || PassBias(Image::constant(pass.width(), pass.height(), Rgb::BLACK));
-            let PassBias(off) = of_pass.unwrap_or_else(none);
+        if let (Some(bias), Some(PassBias(off))) = (&mut self.bias, of_pass) {
             let mut corrected = pass.clone();
             for (c, b) in corrected.pixels_mut().iter_mut().zip(off.pixels()) {
                 *c = c.zip(*b, |c, b| c - b);
@@ -86,23 +85,24 @@ impl Doubt {
         self.pixels.passes
     }
 
-    /// Mean of (variance + bias²) / (I² + ε²) over pixels and channels, an estimate of relMSE that needs no reference.
+    /// Mean of (variance + bias²) / (I² + ε²) over pixels and channels, an estimate of relMSE that needs no reference. The
+    /// square of the estimated bias is larger than that of the bias by its own variance, which is taken off.
     pub(super) fn relmse(&self, image: &Image) -> Option<f64> {
         if self.pixels.passes < MIN_PASSES {
             return None;
         }
         let variance = self.variance()?;
-        let bias = self.bias();
-        let term = |(i, (p, v)): (usize, (&Rgb, &Rgb))| {
-            let b = bias.as_ref().map_or(Rgb::BLACK, |b| b[i]);
-            let channel = |c: usize| {
-                let (p, v, b) = (f64::from(p[c]), f64::from(v[c]), f64::from(b[c]));
-                (v + b * b) / (p * p + RELMSE_EPSILON * RELMSE_EPSILON)
+        let relative = |squares: &dyn Fn(usize, usize) -> f64| {
+            let term = |(i, p): (usize, &Rgb)| -> f64 {
+                let channel = |c: usize| squares(i, c) / (f64::from(p[c]).powi(2) + RELMSE_EPSILON * RELMSE_EPSILON);
+                (0..3).map(channel).sum::<f64>() / 3.0
             };
-            (channel(0) + channel(1) + channel(2)) / 3.0
+            image.pixels().iter().enumerate().map(term).sum::<f64>() / image.pixels().len().max(1) as f64
         };
-        let sum: f64 = image.pixels().iter().zip(&variance).enumerate().map(term).sum();
-        Some(sum / image.pixels().len().max(1) as f64)
+        let noise = relative(&|i, c| f64::from(variance[i][c]));
+        let Some(bias) = &self.bias else { return Some(noise) };
+        let (off, own) = (bias.pixels.mean(), bias.pixels.variance_of_mean()?);
+        Some(noise + relative(&|i, c| f64::from(off[i][c]).powi(2) - f64::from(own[i][c])).max(0.0))
     }
 
     /// Adds what is known to the picture as layers: `variance` of each pixel, `blockvariance` of the mean over the
@@ -125,6 +125,11 @@ impl Doubt {
 pub(super) struct PassBias(Image);
 
 impl PassBias {
+    /// Of a pass without a density estimate.
+    pub fn none(pass: &Image) -> Self {
+        Self(Image::constant(pass.width(), pass.height(), Rgb::BLACK))
+    }
+
     /// From a picture, the same without precomputed irradiance, and that with narrower estimates.
     pub fn of(picture: &Image, exact: &Image, narrow: &Image) -> Self {
         let extrapolate = 1.0 / (1.0 - std::f32::consts::FRAC_1_SQRT_2);

@@ -30,7 +30,7 @@ impl Forecast {
             spp_per_pass: 1,
             spp: Some(1),
             track_error: false,
-            track_bias: false,
+            bias_every: None,
             target_error: None,
             ..plan.clone()
         };

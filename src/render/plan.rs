@@ -67,7 +67,7 @@ pub struct PlanOverrides {
     pub clamp: Option<f32>,
     /// As [`Plan::track_error`].
     pub track_error: bool,
-    /// As [`Plan::track_bias`].
+    /// Tell the bias of every pass.
     pub track_bias: bool,
     /// As [`Plan::target_error`].
     pub target_error: Option<f64>,
@@ -131,8 +131,9 @@ pub struct Plan {
     pub track_error: bool,
     /// Photon maps to read in place of shooting photons, by the names of their targets; every pass reads the same.
     pub stored_maps: Option<Arc<MapFile>>,
-    /// Read photon maps again, without precomputed irradiance and with half as many photons, to tell the bias of every pixel.
-    pub track_bias: bool,
+    /// In passes whose number this divides, read photon maps again, without precomputed irradiance and in half the area, to
+    /// tell the bias of every pixel.
+    pub bias_every: Option<u64>,
     /// The render ends when its own estimate of relMSE is below this.
     pub target_error: Option<f64>,
     /// What to show of the photon maps beside the picture.
@@ -189,7 +190,6 @@ impl Plan {
             return Err(PlanError::PassRange { found: passes, passes: all });
         }
         let plan = Self {
-            method,
             needs,
             seed: o.seed.unwrap_or(scene.sampler.seed),
             passes,
@@ -198,9 +198,10 @@ impl Plan {
             stored_maps: None,
             clamp: o.clamp,
             track_error: o.track_error || o.track_bias || o.target_error.is_some(),
-            track_bias: o.track_bias,
+            bias_every: bias_every(&method, o),
             target_error: o.target_error,
             layers: o.layers.clone(),
+            method,
         };
         plan.check_layers()?;
         if plan.passes.start > 0 && !plan.independent() {
@@ -227,12 +228,30 @@ impl Plan {
         !matches!(self.method, Method::Ppm(s) | Method::Sppm(s) if s.shared_statistics)
     }
 
+    /// Whether the bias of this pass is to be told.
+    pub fn tells_bias(&self, pass: u64) -> bool {
+        self.bias_every.is_some_and(|every| pass.is_multiple_of(every))
+    }
+
     /// The camera samples of one pass.
     pub fn samples_of(&self, pass: u64) -> Range<u64> {
         let first = pass * self.spp_per_pass;
         let last = first + self.spp_per_pass;
         first..self.spp.map_or(last, |spp| last.min(spp))
     }
+}
+
+/// Where a wanted error ends the render, a few passes are enough to tell what is blur.
+const BIAS_EVERY: u64 = 4;
+
+/// Every how many passes bias is to be told; a wanted error needs to know it where estimates of density blur.
+fn bias_every(method: &Method, o: &PlanOverrides) -> Option<u64> {
+    let blurs = match method {
+        Method::PhotonMapper(_) | Method::Ppm(_) | Method::Sppm(_) => true,
+        Method::Vcm(v) => v.merging != Merging::Off,
+        Method::Path(_) | Method::Direct(_) | Method::LightTracer(_) | Method::Bidirectional(_) => false,
+    };
+    o.track_bias.then_some(1).or((o.target_error.is_some() && blurs).then_some(BIAS_EVERY))
 }
 
 /// Integrators that the scene format names and that are not built yet.

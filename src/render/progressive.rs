@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::{Control, Session, render_pass};
 use crate::film::Film;
-use crate::gather::RadiusMap;
+use crate::gather::{NARROW, RadiusMap};
 use crate::integrator::sppm::{
     FoundPhotons, KINDS, PILOT_PASS, PassMaps, Radii, SharedStatistics, Sppm, SppmSettings, radius_sq_ratio,
 };
@@ -27,7 +27,8 @@ pub(super) struct Progressive {
 type PassEmission = [Emission; KINDS];
 
 impl Session<'_> {
-    /// Shoots and balances the photons of one pass, then takes its camera samples.
+    /// Shoots and balances the photons of one pass, then takes its camera samples. Where bias is tracked, returns what the
+    /// same samples see with [narrow](NARROW) radii.
     pub(super) fn progressive_pass(
         &mut self,
         settings: &SppmSettings,
@@ -35,7 +36,7 @@ impl Session<'_> {
         samples: Range<u64>,
         control: &Control,
         report: &(dyn Fn(f64) + Sync),
-    ) -> Counters {
+    ) -> (Counters, Option<Film>) {
         self.prepare_progressive(settings, control);
         let emitted = self.progressive.as_ref().map_or_else(PassEmission::default, |p| p.emitted.clone());
         let maps = self.pass_maps(settings, self.next, &emitted, control);
@@ -48,14 +49,25 @@ impl Session<'_> {
             maps: &maps,
             radii: &kept.radii,
             shrink: radius_sq_ratio(self.next, settings.alpha) as f32,
+            read: 1.0,
             shared: kept.shared.as_ref().zip(found.as_ref()),
             visible_lights: scene.lights.iter().any(|l| !l.is_delta()),
         };
-        let counters = self.summary.time("render", || render_pass(scene, &recipe, film, seed, samples, report));
+        let range = samples.clone();
+        let mut counters = self.summary.time("render", || render_pass(scene, &recipe, film, seed, range, report));
+        let narrow = self.plan.tells_bias(self.next).then(|| {
+            // Photons found in narrow discs do not count for the radii.
+            let uncounted = kept.shared.is_some().then(|| FoundPhotons::new(kept.radii.len()));
+            let recipe = Sppm { read: NARROW, shared: kept.shared.as_ref().zip(uncounted.as_ref()), ..recipe };
+            let mut narrow = film.fresh();
+            let again = || render_pass(scene, &recipe, &mut narrow, seed, samples, &|_| {});
+            counters += self.summary.time("estimate bias", again);
+            narrow
+        });
         if let (Some(shared), Some(found)) = (&mut kept.shared, &found) {
             shared.update(found, settings.alpha);
         }
-        counters
+        (counters, narrow)
     }
 
     /// Measures the first radii, unless that is done.

@@ -6,9 +6,10 @@ use super::{layers::LayerFilms, progressive::Progressive};
 use crate::color::Rgb;
 use crate::film::Film;
 use crate::gather::cache::IrradianceCache;
-use crate::gather::{PhotonMaps, ShadowMap};
+use crate::gather::{NARROW, PhotonMaps, ShadowMap};
 use crate::image::Image;
 use crate::integrator::sppm::SharedStatistics;
+use crate::integrator::vcm::Merging;
 use crate::integrator::{PhotonMapper, PhotonMapperSettings, vcm};
 use crate::photon::PhotonMap;
 use crate::scene::{Item, Scene};
@@ -43,7 +44,7 @@ impl<'s> Session<'s> {
         let film = Film::new(scene.camera.window(), scene.film.filter).with_clamp(plan.clamp);
         Self {
             scene,
-            doubt: plan.track_error.then(|| Doubt::new(&film, plan.track_bias)),
+            doubt: plan.track_error.then(|| Doubt::new(&film, plan.bias_every.is_some())),
             layers: (!plan.layers.is_empty()).then(|| LayerFilms::new(&film, &plan.layers)),
             film,
             next: plan.passes.start,
@@ -72,8 +73,9 @@ impl<'s> Session<'s> {
         let samples = self.plan.samples_of(self.next);
         let spp = samples.end - samples.start;
         // Give every pass a film of its own, so that no pass depends on those before it.
-        let mut film = Film::new(self.film.window(), self.film.filter()).with_clamp(self.plan.clamp);
+        let mut film = self.film.fresh();
         let mut others = None;
+        let tell_bias = self.plan.tells_bias(self.next);
         let (done, passes) = (self.passes() as f64, (self.plan.passes.end - self.plan.passes.start) as f64);
         let report = |fraction: f64| {
             let by_passes = (done + fraction) / passes;
@@ -88,10 +90,21 @@ impl<'s> Session<'s> {
                 self.summary.time("render", || render_pass(scene, &d, &mut film, seed, samples, &report))
             }
             Method::Ppm(settings) | Method::Sppm(settings) => {
-                self.progressive_pass(&settings, &mut film, samples, control, &report)
+                let (counters, narrow) = self.progressive_pass(&settings, &mut film, samples, control, &report);
+                others = narrow.map(|narrow| (None, narrow));
+                counters
             }
             Method::LightTracer(v) | Method::Bidirectional(v) | Method::Vcm(v) => {
-                self.summary.time("render", || vcm::render_pass(scene, &v, seed, samples, &mut film, &report))
+                let range = samples.clone();
+                let mut counters =
+                    self.summary.time("render", || vcm::render_pass(scene, &v, seed, range, &mut film, &report));
+                if tell_bias && v.merging != Merging::Off {
+                    let (v, mut narrow) = (v.with_radius_scaled(NARROW.sqrt()), film.fresh());
+                    let again = || vcm::render_pass(scene, &v, seed, samples, &mut narrow, &|_| {});
+                    counters += self.summary.time("estimate bias", again);
+                    others = Some((None, narrow));
+                }
+                counters
             }
             Method::PhotonMapper(settings) => {
                 let mut maps = self.build_maps(&settings, control);
@@ -106,7 +119,7 @@ impl<'s> Session<'s> {
                     let range = samples.clone();
                     counters += self.summary.time("render layers", || layers.add_pass(scene, recipe, seed, range));
                 }
-                if self.plan.track_bias {
+                if tell_bias {
                     let exact =
                         maps.forget_irradiance().then(|| self.again(&settings, &maps, samples.clone(), control));
                     maps.narrow();
@@ -124,9 +137,12 @@ impl<'s> Session<'s> {
         if let Some(doubt) = &mut self.doubt {
             let scale = 1.0 / spp as f64;
             let pass = film.develop(scale);
-            let bias = others.map(|(exact, narrow): (Option<Film>, Film)| {
-                let exact = exact.map(|f| f.develop(scale));
-                PassBias::of(&pass, exact.as_ref().unwrap_or(&pass), &narrow.develop(scale))
+            let bias = tell_bias.then(|| match others {
+                Some((exact, narrow)) => {
+                    let exact: Option<Image> = exact.map(|f: Film| f.develop(scale));
+                    PassBias::of(&pass, exact.as_ref().unwrap_or(&pass), &narrow.develop(scale))
+                }
+                None => PassBias::none(&pass),
             });
             doubt.add(&pass, bias, spp);
         }
@@ -146,7 +162,7 @@ impl<'s> Session<'s> {
         samples: Range<u64>,
         control: &Control,
     ) -> (Film, Counters) {
-        let mut film = Film::new(self.film.window(), self.film.filter()).with_clamp(self.plan.clamp);
+        let mut film = self.film.fresh();
         let cache = self.fill_cache(settings, maps, control);
         let recipe = PhotonMapper { settings: *settings, maps, cache: cache.as_ref() };
         let (scene, seed) = (self.scene, self.plan.seed);

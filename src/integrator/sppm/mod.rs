@@ -123,6 +123,8 @@ pub struct Sppm<'a> {
     pub radii: &'a Radii,
     /// Squared radius of this pass over that of the first, where radii follow the pass's number.
     pub shrink: f32,
+    /// Share of the squared radius to read; below 1 to see what narrower estimates would say.
+    pub read: f32,
     /// Otherwise the radii of this pass, and where to count the photons found.
     pub shared: Option<(&'a SharedStatistics, &'a FoundPhotons)>,
     /// Some light can be met by a ray.
@@ -183,7 +185,7 @@ impl Sppm<'_> {
                 None => radii.first_sq[kind] * self.shrink,
                 Some((shared, _)) => shared.pixels[pixel][kind].radius_sq,
             };
-            let r_sq = r_sq.max(radii.floor_sq);
+            let r_sq = r_sq.max(radii.floor_sq) * self.read;
             let mut estimate = map.estimate(si, bsdf, r_sq, counters);
             if let Some((scene, sampler)) = &ends
                 && estimate.count > 0

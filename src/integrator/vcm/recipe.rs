@@ -67,6 +67,13 @@ impl VcmSettings {
         Self { merging: Merging::Off, ..Self::default() }
     }
 
+    /// The same with merging radii multiplied by `scale`.
+    pub fn with_radius_scaled(mut self, scale: f32) -> Self {
+        self.initial_radius = self.initial_radius.map(|r| r * scale);
+        self.radius_scale *= scale;
+        self
+    }
+
     /// Bidirectional photon mapping: merging alone.
     pub fn bpm() -> Self {
         Self { connect: false, light_image: false, merging: Merging::All, ..Self::default() }

@@ -57,7 +57,7 @@ pub struct Checkpoint {
 /// Everything that decides what a pass adds to the picture, but for the scene's files.
 fn describe(scene: &Scene, plan: &Plan) -> String {
     format!(
-        "{:?}, seed {}, {} spp a pass, {:?}, {:?}, {:?}, error {} bias {}, clamp {:?}, stored photon maps {:?}",
+        "{:?}, seed {}, {} spp a pass, {:?}, {:?}, {:?}, error {} bias {:?}, clamp {:?}, stored photon maps {:?}",
         plan.method,
         plan.seed,
         plan.spp_per_pass,
@@ -65,7 +65,7 @@ fn describe(scene: &Scene, plan: &Plan) -> String {
         scene.camera.window(),
         scene.film.filter,
         plan.track_error,
-        plan.track_bias,
+        plan.bias_every,
         plan.clamp,
         plan.stored_maps.as_ref().map(|file| &file.parameters)
     )
