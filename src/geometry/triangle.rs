@@ -21,20 +21,27 @@ impl ShearedRay {
             return None;
         }
         let d = ray.d;
+        let [kx, ky, kz] = Self::axes(d);
+        let s = Vec3::new(d[kx] / d[kz], d[ky] / d[kz], 1.0 / d[kz]);
+        s.z.is_finite().then_some(Self { k: [kx, ky, kz], s })
+    }
+
+    /// The axes for a direction, without branches, which directions at random would make slow.
+    #[inline(always)]
+    pub fn axes(d: Vec3) -> [usize; 3] {
+        const AXES: [[[u8; 3]; 2]; 3] = [[[1, 2, 0], [2, 1, 0]], [[2, 0, 1], [0, 2, 1]], [[0, 1, 2], [1, 0, 2]]];
         let a = d.abs();
-        let kz = if a.x > a.y {
-            if a.x > a.z { 0 } else { 2 }
-        } else if a.y > a.z {
+        let (x, y) = (a.x > a.y, a.y > a.z);
+        let x = x & (a.x > a.z);
+        // 0 where x is the largest, 1 where y is and exceeds x or equals it, else 2.
+        let kz = if x {
+            0
+        } else if y & (a.y >= a.x) {
             1
         } else {
             2
         };
-        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
-        if d[kz] < 0.0 {
-            std::mem::swap(&mut kx, &mut ky);
-        }
-        let s = Vec3::new(d[kx] / d[kz], d[ky] / d[kz], 1.0 / d[kz]);
-        s.z.is_finite().then_some(Self { k: [kx, ky, kz], s })
+        AXES[kz][usize::from(d.to_array()[kz] < 0.0)].map(usize::from)
     }
 }
 
@@ -51,7 +58,7 @@ pub fn is_traceable(ray: &Ray) -> bool {
 /// Two triangles with a common edge never let a ray through between them. Both sides are hit.
 #[inline]
 pub fn intersect_triangle(ray: &Ray, sheared: &ShearedRay, tri: [Vec3; 3]) -> Option<(f32, f32, f32)> {
-    PreciseRay::new(ray, sheared).intersect(tri.map(|v| sheared.k.map(|i| v[i])), ray.tmax)
+    PreciseRay::new(ray, sheared.k).intersect(tri.map(|v| sheared.k.map(|i| v[i])), ray.tmax)
 }
 
 /// A ray in f64, its axes permuted as in [`ShearedRay`].
@@ -63,12 +70,9 @@ pub struct PreciseRay {
 
 impl PreciseRay {
     #[inline(always)]
-    pub fn new(ray: &Ray, sheared: &ShearedRay) -> Self {
-        let [x, y, z] = sheared.k;
-        Self {
-            o: [ray.o[x] as f64, ray.o[y] as f64, ray.o[z] as f64],
-            d: [ray.d[x] as f64, ray.d[y] as f64, ray.d[z] as f64],
-        }
+    pub fn new(ray: &Ray, [x, y, z]: [usize; 3]) -> Self {
+        let (o, d) = (ray.o.to_array(), ray.d.to_array());
+        Self { o: [o[x] as f64, o[y] as f64, o[z] as f64], d: [d[x] as f64, d[y] as f64, d[z] as f64] }
     }
 
     /// [`intersect_triangle`] with a triangle whose corners have permuted coordinates.

@@ -2,8 +2,9 @@
 
 use std::mem::MaybeUninit;
 
+use super::flat::{Depths, FlatBlock, FlatRay, Limits, flat_portable};
 use super::traverse::{FAR_SCALE, SlabRay};
-use super::wide::{Block, Child, FLAT_LANES, FlatBlock, LANES, Node8, WIDTH};
+use super::wide::{Block, Child, LANES, Node8, WIDTH};
 use crate::geometry::ShearedRay;
 use crate::math::Vec3;
 
@@ -58,9 +59,12 @@ pub(super) trait Kernel: Copy {
         Some(self.block(block, limit))
     }
 
-    /// As `block`, without triangles that lie behind the origin or beyond `limit` as a whole; the
-    /// distances of their nearest corners, to a relative error of 3 ε, go to `near`.
-    fn flat(&self, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32;
+    /// Which triangles of the block may be hit before the limit; depths are written where any are. `None` where `ANY` is
+    /// asked for and it is certain that f64 will find a hit.
+    #[inline(always)]
+    fn flat<const ANY: bool>(block: &FlatBlock, ray: &FlatRay, limits: Limits, depths: &mut Depths) -> Option<u32> {
+        flat_portable::<ANY>(block, ray, limits, depths)
+    }
 }
 
 /// True where the edge functions of a sheared triangle have one sign up to their rounding.
@@ -127,24 +131,6 @@ impl Kernel for Portable {
                 [(block.v[v][kx][i] - self.o[0]) - sx * z, (block.v[v][ky][i] - self.o[1]) - sy * z, z]
             };
             mask |= u32::from(may_hit([corner(0), corner(1), corner(2)])) << i;
-        }
-        mask
-    }
-
-    #[inline(always)]
-    fn flat(&self, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
-        let ([kx, ky, kz], [sx, sy, sz]) = (self.k, self.s);
-        let mut mask = 0;
-        for (i, near) in near.iter_mut().enumerate() {
-            let corner = |v: usize| {
-                let z = block.v[v][kz][i] - self.o[2];
-                [(block.v[v][kx][i] - self.o[0]) - sx * z, (block.v[v][ky][i] - self.o[1]) - sy * z, z]
-            };
-            let corners = [corner(0), corner(1), corner(2)];
-            let [a, b, c] = [corners[0][2] * sz, corners[1][2] * sz, corners[2][2] * sz];
-            *near = a.min(b).min(c);
-            let within = a.max(b).max(c) >= 0.0 && *near <= limit;
-            mask |= u32::from(within && may_hit(corners)) << i;
         }
         mask
     }

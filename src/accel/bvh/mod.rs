@@ -5,6 +5,7 @@
 //! that stands in the scene itself wins over instances.
 
 mod binned;
+mod flat;
 mod kernel;
 mod parts;
 mod presplit;
@@ -88,13 +89,13 @@ impl Bvh {
     }
 
     /// The nearest hit along `ray`.
-    #[inline]
+    #[inline(always)]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
         traverse::intersect(self, ray)
     }
 
     /// True when anything lies on `ray`.
-    #[inline]
+    #[inline(always)]
     pub fn occluded(&self, ray: &Ray) -> bool {
         traverse::occluded(self, ray)
     }

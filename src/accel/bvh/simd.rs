@@ -9,11 +9,12 @@ use std::mem::MaybeUninit;
 
 use super::super::Mode;
 use super::binned::{self, Binning, Bins, PrimRef, Recipe};
+use super::flat::{self, Flat, FlatRay};
 use super::kernel::{Kernel, Portable};
 use super::traverse::{self, Best};
 use super::wide::{Block, Child, Node8, Tree};
 use super::{Bvh, Isa};
-use crate::geometry::Ray;
+use crate::geometry::{Ray, is_traceable};
 
 /// Reads a stack entry.
 #[inline(always)]
@@ -68,8 +69,14 @@ impl Isa {
 }
 
 /// Searches `tree` with the kernel that was chosen when the tree was built.
-#[inline]
+#[inline(always)]
 pub(super) fn walk<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
+    if let Some(flat) = &tree.flat
+        && is_traceable(ray)
+        && let Some(flat_ray) = flat.prepare(ray)
+    {
+        return test_all::<ANY>(bvh, tree, (flat, &flat_ray), ray, placed, best);
+    }
     if bvh.options.mode == Mode::Fast {
         walk_with::<ANY, false>(bvh, tree, ray, placed, best)
     } else {
@@ -77,7 +84,7 @@ pub(super) fn walk<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u
     }
 }
 
-#[inline(always)]
+#[inline]
 fn walk_with<const ANY: bool, const ROBUST: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, placed: u32, best: &mut Best) {
     match bvh.isa {
         // SAFETY: `Bvh::isa` is only ever set to an available instruction set.
@@ -89,6 +96,19 @@ fn walk_with<const ANY: bool, const ROBUST: bool>(bvh: &Bvh, tree: &Tree, ray: &
         #[cfg(target_arch = "aarch64")]
         Isa::Neon => neon::walk::<ANY, ROBUST>(bvh, tree, ray, placed, best),
         _ => walk_portable::<ANY, ROBUST>(bvh, tree, ray, placed, best),
+    }
+}
+
+#[inline(always)]
+fn test_all<const ANY: bool>(bvh: &Bvh, tree: &Tree, flat: (&Flat, &FlatRay), ray: &Ray, placed: u32, best: &mut Best) {
+    match bvh.isa {
+        // SAFETY: `Bvh::isa` is only ever set to an available instruction set.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => unsafe { x86::test_all_avx512::<ANY>(bvh, tree, flat, ray, placed, best) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => unsafe { x86::test_all_avx2::<ANY>(bvh, tree, flat, ray, placed, best) },
+        _ => flat::test_all::<Portable, ANY>(bvh, tree, flat, ray, placed, best),
     }
 }
 

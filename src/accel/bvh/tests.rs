@@ -357,6 +357,74 @@ fn grazing_rays_are_answered_alike() {
     }
 }
 
+/// A room with walls across the axes, and small triangles and needles in it.
+fn room(rng: &mut Random) -> TriangleMesh {
+    let mut mesh = soup(rng, 20, 0.3);
+    let mut points = mesh.positions.as_slice().to_vec();
+    for i in 0..4 {
+        points[3 * i + 2] = points[3 * i].lerp(points[3 * i + 1], 0.3) + 1e-6 * rng.vec3();
+    }
+    let first = points.len() as u32;
+    points.extend((0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - 1.0));
+    let walls = [[0, 1, 3], [0, 3, 2], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4], [2, 3, 7], [2, 7, 6], [0, 2, 6]];
+    mesh.indices.extend(walls.map(|t| t.map(|i| first + i)));
+    mesh.positions = points.into();
+    mesh
+}
+
+/// From beside one triangle at an edge, a corner or a point of another, to end beside it.
+fn between_triangles(rng: &mut Random, mesh: &TriangleMesh, scale: f32, i: usize) -> Ray {
+    let [a, b] = [0; 2].map(|_| mesh.triangle((rng.unit() * mesh.indices.len() as f32) as u32));
+    let at = |t: [Vec3; 3], u: f32, v: f32| t[0] + u * (t[1] - t[0]) + v * (t[2] - t[0]);
+    let (u, v) = (rng.unit(), rng.unit());
+    let o = at(a, u, v * (1.0 - u)) + [0.0, 1e-7, 1e-6, 0.3][i % 4] * scale * rng.vec3();
+    let (u, v) = [(rng.unit(), 0.0), (0.0, 1.0), (0.3 * rng.unit(), 0.7 * rng.unit())][i % 3];
+    let tmax = if i % 5 == 0 { f32::INFINITY } else { 1.0 + ((i % 40) as f32 - 20.0) * f32::EPSILON };
+    Ray::segment(o, at(b, u, v) - o, tmax)
+}
+
+#[test]
+fn few_triangles_are_found_as_by_brute_force() {
+    let mut rng = Random::new(11);
+    let mut hits = 0;
+    for (scale, offset) in [(1.0, 0.0), (1.0, 3.0), (1e-3, 1.0), (1e-6, 0.0), (1e7, 0.0), (1e-12, 0.0), (1e12, 0.0)] {
+        let mut mesh = room(&mut rng);
+        mesh.positions = mesh.positions.as_slice().iter().map(|&p| (p + offset) * scale).collect::<Vec<_>>().into();
+        let mut bvh = Bvh::build(mesh_set(mesh.clone())).expect("small");
+        for i in 0..4000 {
+            let ray = between_triangles(&mut rng, &mesh, scale, i);
+            let expected = brute_force(&bvh.set, &ray);
+            hits += usize::from(expected.is_some());
+            for isa in available() {
+                bvh.isa = isa;
+                assert_eq!(bvh.intersect(&ray), expected, "{isa:?} {scale:e} {ray:?}");
+                assert_eq!(bvh.occluded(&ray), expected.is_some(), "{isa:?} {scale:e} {ray:?}");
+            }
+        }
+    }
+    assert!(hits > 7000, "{hits}");
+}
+
+/// The same rays are answered wrongly by kernels that believe what f32 says.
+#[test]
+fn rounding_must_be_bounded() {
+    let mut rng = Random::new(12);
+    let mesh = room(&mut rng);
+    let mut bvh = Bvh::build(mesh_set(mesh.clone())).expect("small");
+    bvh.top.flat.as_mut().expect("few triangles have no tree").trust_f32();
+    for isa in available() {
+        bvh.isa = isa;
+        let (mut nearest, mut any) = (0, 0);
+        for i in 0..4000 {
+            let ray = between_triangles(&mut rng, &mesh, 1.0, i);
+            let expected = brute_force(&bvh.set, &ray);
+            nearest += usize::from(bvh.intersect(&ray) != expected);
+            any += usize::from(bvh.occluded(&ray) != expected.is_some());
+        }
+        assert!(nearest > 0 && any > 0, "{isa:?} {nearest} {any}");
+    }
+}
+
 #[test]
 fn undefined_rays_hit_nothing() {
     let mut rng = Random::new(3);

@@ -6,7 +6,7 @@ use glam::Vec4;
 
 use super::kernel::Kernel;
 use super::parts::KIND_QUADRIC;
-use super::wide::{Block, Child, FLAT_LANES, Flat, LANES, Tree, WIDTH};
+use super::wide::{Block, Child, LANES, Tree, WIDTH};
 use super::{Bvh, simd};
 use crate::geometry::{Hit, NO_INSTANCE, PreciseRay, Ray, Shape, ShearedRay};
 use crate::math::{Vec3, gamma};
@@ -32,12 +32,6 @@ pub(super) struct SlabRay {
 }
 
 impl SlabRay {
-    /// Of a ray that is tested against no boxes.
-    #[inline(always)]
-    fn boxless(ray: &Ray) -> Self {
-        Self { o: ray.o, rcp: Vec3::ONE, near: [0, 1, 2], far: [3, 4, 5] }
-    }
-
     #[inline(always)]
     pub fn new(ray: &Ray) -> Self {
         let most = 3e38 / (1.0 + ray.o.abs().max_element());
@@ -54,17 +48,17 @@ impl SlabRay {
 #[derive(Clone, Copy)]
 pub(super) struct Best {
     /// Upper end of the search; a hit at exactly this distance counts only if its rank is lower.
-    t: f32,
+    pub t: f32,
     u: f32,
     v: f32,
     /// Instance + 1, or 0; then the id in the tree. Both 0 until something is found.
     rank: (u32, u32),
-    found: bool,
+    pub found: bool,
 }
 
 impl Best {
     #[inline(always)]
-    fn offer(&mut self, t: f32, u: f32, v: f32, rank: (u32, u32)) {
+    pub fn offer(&mut self, t: f32, u: f32, v: f32, rank: (u32, u32)) {
         if t < self.t || t == self.t && rank < self.rank {
             *self = Self { t, u, v, rank, found: true };
         }
@@ -72,7 +66,7 @@ impl Best {
 }
 
 /// The nearest hit along a ray.
-#[inline]
+#[inline(always)]
 pub(super) fn intersect(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
     let mut best = Best { t: ray.tmax, u: 0.0, v: 0.0, rank: (0, 0), found: false };
     simd::walk::<false>(bvh, &bvh.top, ray, 0, &mut best);
@@ -85,7 +79,7 @@ pub(super) fn intersect(bvh: &Bvh, ray: &Ray) -> Option<Hit> {
 }
 
 /// True when anything is hit.
-#[inline]
+#[inline(always)]
 pub(super) fn occluded(bvh: &Bvh, ray: &Ray) -> bool {
     let mut best = Best { t: ray.tmax, u: 0.0, v: 0.0, rank: (0, 0), found: false };
     simd::walk::<true>(bvh, &bvh.top, ray, 0, &mut best);
@@ -112,11 +106,6 @@ pub(super) fn walk<K: Kernel, const ANY: bool, const ROBUST: bool>(
     let Some(sheared) = ShearedRay::new(ray) else { return };
     if tree.root == Child::NONE {
         return;
-    }
-    if let Some(flat) = &tree.flat {
-        // No box is tested here.
-        let kernel = K::new(&SlabRay::boxless(ray), &sheared);
-        return test_all::<K, ANY>(bvh, tree, flat, ray, &kernel, &sheared, placed, best);
     }
     let kernel = K::new(&SlabRay::new(ray), &sheared);
     if ANY {
@@ -345,7 +334,7 @@ impl PlainRay {
 /// Decides in f64 about the few triangles of a block that may be hit as far as f32 can tell.
 #[inline(never)]
 fn decide(mut mask: u32, block: &Block, ray: &Ray, sheared: &ShearedRay, placed: u32, best: &mut Best) {
-    let precise = PreciseRay::new(ray, sheared);
+    let precise = PreciseRay::new(ray, sheared.k);
     let [x, y, z] = sheared.k;
     while mask != 0 {
         let lane = mask.trailing_zeros() as usize % LANES;
@@ -357,49 +346,9 @@ fn decide(mut mask: u32, block: &Block, ray: &Ray, sheared: &ShearedRay, placed:
     }
 }
 
-/// Tests everything in a tree that is hardly one.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-fn test_all<K: Kernel, const ANY: bool>(
-    bvh: &Bvh,
-    tree: &Tree,
-    flat: &Flat,
-    ray: &Ray,
-    kernel: &K,
-    sheared: &ShearedRay,
-    placed: u32,
-    best: &mut Best,
-) {
-    let precise = PreciseRay::new(ray, sheared);
-    let [x, y, z] = sheared.k;
-    let mut near = [0f32; FLAT_LANES];
-    for block in &flat.blocks {
-        let mut mask = kernel.flat(block, best.t * FAR_SCALE, &mut near);
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize % FLAT_LANES;
-            mask &= mask - 1;
-            // A triangle may lie beyond a hit that was found since the mask was made.
-            if near[lane] > best.t * FAR_SCALE {
-                continue;
-            }
-            // Written out, as in the kernels: closures handed to `map` are calls.
-            let corner = |v: usize| [block.v[v][x][lane], block.v[v][y][lane], block.v[v][z][lane]];
-            if let Some((t, u, v)) = precise.intersect([corner(0), corner(1), corner(2)], ray.tmax) {
-                best.offer(t, u, v, (placed, block.id[lane]));
-                if ANY && best.found {
-                    return;
-                }
-            }
-        }
-    }
-    for &child in &flat.singles {
-        single::<ANY>(bvh, tree, ray, child, placed, best);
-    }
-}
-
 /// Tests an analytic shape or enters an instance.
 #[inline(never)]
-fn single<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, child: Child, placed: u32, best: &mut Best) {
+pub(super) fn single<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, child: Child, placed: u32, best: &mut Best) {
     let (part, _) = tree.parts.find(child.id());
     if child.kind() == KIND_QUADRIC {
         let t = match &bvh.set.shapes[part.index as usize] {

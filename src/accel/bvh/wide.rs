@@ -4,7 +4,8 @@ use arrayvec::ArrayVec;
 use rayon::prelude::*;
 
 use super::binned::{Bins, Box8, Piece, PrimRef, Recipe, open};
-use super::parts::{KIND_QUADRIC, KIND_TRIANGLE, Parts};
+use super::flat::Flat;
+use super::parts::{KIND_TRIANGLE, Parts};
 use super::{Quality, presplit};
 use crate::math::Bounds3;
 use crate::pages::Pages;
@@ -154,58 +155,6 @@ impl Block {
     #[inline]
     pub fn triangle(&self, lane: usize) -> [glam::Vec3; 3] {
         self.v.map(|v| glam::Vec3::new(v[0][lane], v[1][lane], v[2][lane]))
-    }
-}
-
-/// Triangles of a [`FlatBlock`].
-pub(super) const FLAT_LANES: usize = 16;
-/// Most triangles for which testing all of them is faster than walking a tree.
-const FLAT_TRIANGLES: usize = 48;
-/// Most analytic shapes beside them.
-const FLAT_SINGLES: usize = 4;
-
-/// Sixteen triangles side by side, as in [`Block`].
-#[repr(C, align(64))]
-#[derive(Clone, Copy, Debug)]
-pub(super) struct FlatBlock {
-    pub v: [[[f32; FLAT_LANES]; 3]; 3],
-    pub id: [u32; FLAT_LANES],
-}
-
-/// Everything in a group so small that a tree does not pay: every ray tests all of it.
-#[derive(Debug)]
-pub(super) struct Flat {
-    pub blocks: Vec<FlatBlock>,
-    pub singles: ArrayVec<Child, FLAT_SINGLES>,
-}
-
-impl Flat {
-    /// `None` when there is too much, or an instance, or nothing.
-    fn new(refs: &[PrimRef], parts: &Parts) -> Option<Self> {
-        // Of many, nothing has to be counted.
-        if refs.len() > FLAT_TRIANGLES + FLAT_SINGLES {
-            return None;
-        }
-        let count = |kind| refs.iter().filter(|r| r.kind() == kind).count();
-        let (triangles, quadrics) = (count(KIND_TRIANGLE), count(KIND_QUADRIC));
-        let fits = triangles <= FLAT_TRIANGLES && quadrics <= FLAT_SINGLES && triangles + quadrics == refs.len();
-        if !fits || refs.is_empty() {
-            return None;
-        }
-        let empty = FlatBlock { v: [[[f32::NAN; FLAT_LANES]; 3]; 3], id: [u32::MAX; FLAT_LANES] };
-        let mut flat = Self { blocks: vec![empty; triangles.div_ceil(FLAT_LANES)], singles: Default::default() };
-        for (i, r) in refs.iter().filter(|r| r.kind() == KIND_TRIANGLE).enumerate() {
-            let (block, lane) = (&mut flat.blocks[i / FLAT_LANES], i % FLAT_LANES);
-            for (corner, p) in block.v.iter_mut().zip(parts.triangle(r.id())) {
-                for axis in 0..3 {
-                    corner[axis][lane] = p[axis];
-                }
-            }
-            block.id[lane] = r.id();
-        }
-        let singles = refs.iter().filter(|r| r.kind() != KIND_TRIANGLE);
-        flat.singles.extend(singles.map(|r| Child::single(r.kind(), r.id())));
-        Some(flat)
     }
 }
 

@@ -4,7 +4,7 @@ use core::arch::aarch64::*;
 
 use super::super::kernel::{EDGE, PAD};
 use super::super::traverse::{FAR_SCALE, SlabRay};
-use super::super::wide::{FLAT_LANES, FlatBlock, WIDTH};
+use super::super::wide::WIDTH;
 use super::*;
 use crate::geometry::ShearedRay;
 
@@ -160,23 +160,5 @@ impl Kernel for Neon {
     fn block(&self, block: &Block, _limit: f32) -> u32 {
         // SAFETY: every AArch64 has NEON.
         unsafe { vaddvq_u32(bits(self.edges(&block.v, 0).0, 0)) }
-    }
-
-    #[inline(always)]
-    fn flat(&self, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
-        // SAFETY: every AArch64 has NEON.
-        unsafe {
-            let mut mask = vdupq_n_u32(0);
-            for first in [0, 4, 8, 12] {
-                let (pass, [a, b, c]) = self.edges(&block.v, first);
-                let s = self.s[2];
-                let (a, b, c) = (vmulq_f32(a, s), vmulq_f32(b, s), vmulq_f32(c, s));
-                let (n, f) = (vminq_f32(vminq_f32(a, b), c), vmaxq_f32(vmaxq_f32(a, b), c));
-                store(near, first, n);
-                let within = vandq_u32(vcgezq_f32(f), vcleq_f32(n, vdupq_n_f32(limit)));
-                mask = vorrq_u32(mask, bits(vandq_u32(pass, within), first));
-            }
-            vaddvq_u32(mask)
-        }
     }
 }

@@ -3,9 +3,10 @@
 use core::arch::x86_64::*;
 
 use super::super::binned::{Box8, Union};
+use super::super::flat::{Depths, FlatBlock, FlatRay, Limits, Row};
 use super::super::kernel::{EDGE, PAD};
 use super::super::traverse::{FAR_SCALE, SlabRay};
-use super::super::wide::{Block, Child, FLAT_LANES, FlatBlock, Node8, WIDTH};
+use super::super::wide::{Block, Child, Node8, WIDTH};
 use super::*;
 use crate::geometry::ShearedRay;
 
@@ -20,6 +21,19 @@ pub(super) fn walk_avx2<const ANY: bool, const ROBUST: bool>(
     traverse::walk::<Avx2, ANY, ROBUST>(bvh, tree, ray, placed, best);
 }
 
+#[inline]
+#[target_feature(enable = "avx2,bmi1,fma")]
+pub(super) fn test_all_avx2<const ANY: bool>(
+    bvh: &Bvh,
+    tree: &Tree,
+    flat: (&Flat, &FlatRay),
+    ray: &Ray,
+    placed: u32,
+    best: &mut Best,
+) {
+    flat::test_all::<Avx2, ANY>(bvh, tree, flat, ray, placed, best);
+}
+
 #[target_feature(enable = "avx2,bmi1,fma,avx512f,avx512dq,avx512vl")]
 pub(super) fn walk_avx512<const ANY: bool, const ROBUST: bool>(
     bvh: &Bvh,
@@ -29,6 +43,19 @@ pub(super) fn walk_avx512<const ANY: bool, const ROBUST: bool>(
     best: &mut Best,
 ) {
     traverse::walk::<Avx512, ANY, ROBUST>(bvh, tree, ray, placed, best);
+}
+
+#[inline]
+#[target_feature(enable = "avx2,bmi1,fma,avx512f,avx512dq,avx512vl")]
+pub(super) fn test_all_avx512<const ANY: bool>(
+    bvh: &Bvh,
+    tree: &Tree,
+    flat: (&Flat, &FlatRay),
+    ray: &Ray,
+    placed: u32,
+    best: &mut Best,
+) {
+    flat::test_all::<Avx512, ANY>(bvh, tree, flat, ray, placed, best);
 }
 
 struct Avx2Union;
@@ -70,8 +97,6 @@ pub(super) struct Avx2 {
     s: [__m128; 2],
     /// Shear of x and y, scale of z.
     shear: [f32; 3],
-    /// Origin with permuted axes.
-    origin: [f32; 3],
 }
 
 impl Avx2 {
@@ -236,7 +261,6 @@ impl Kernel for Avx2 {
                 ko: [_mm_set1_ps(slab.o[k[0]]), _mm_set1_ps(slab.o[k[1]]), _mm_set1_ps(slab.o[k[2]])],
                 s: [_mm_set1_ps(sheared.s.x), _mm_set1_ps(sheared.s.y)],
                 shear: [sheared.s.x, sheared.s.y, sheared.s.z],
-                origin: [slab.o[k[0]], slab.o[k[1]], slab.o[k[2]]],
             }
         }
     }
@@ -285,9 +309,9 @@ impl Kernel for Avx2 {
     }
 
     #[inline(always)]
-    fn flat(&self, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
-        // SAFETY: this type exists only inside functions that enable AVX2.
-        unsafe { flat_avx2(self, block, limit, near) }
+    fn flat<const ANY: bool>(block: &FlatBlock, ray: &FlatRay, limits: Limits, depths: &mut Depths) -> Option<u32> {
+        // SAFETY: called only inside functions that enable what the kernel does.
+        unsafe { flat_avx2::<ANY>(block, ray, limits, depths) }
     }
 }
 
@@ -346,106 +370,108 @@ impl Kernel for Avx512 {
     }
 
     #[inline(always)]
-    fn flat(&self, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
-        // SAFETY: this type exists only inside functions that enable AVX-512 F.
-        unsafe { flat_avx512(&self.0, block, limit, near) }
+    fn flat<const ANY: bool>(block: &FlatBlock, ray: &FlatRay, limits: Limits, depths: &mut Depths) -> Option<u32> {
+        // SAFETY: called only inside functions that enable what the kernel does.
+        unsafe { flat_avx512::<ANY>(block, ray, limits, depths) }
     }
 }
 
-// Functions of their own, because closures have the instruction set of the function that they stand in.
+// The operations of `flat_portable`, products and sums fused. Functions of their own, because closures have the instruction
+// set of the function that they stand in.
 #[inline]
-#[target_feature(enable = "avx2")]
-fn flat_avx2(r: &Avx2, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
-    let mut pass = 0;
+#[target_feature(enable = "avx2,fma")]
+fn flat_avx2<const ANY: bool>(block: &FlatBlock, ray: &FlatRay, limits: Limits, depths: &mut Depths) -> Option<u32> {
+    let (mut pass, mut hit) = (0, 0);
     for half in 0..2 {
-        // SAFETY: as in `slabs`; each half of a row is 32-byte aligned as the block is, the store is unaligned.
+        // SAFETY: rows are 64-byte aligned, as the block and the depths are, so that their halves are 32-byte aligned.
         unsafe {
-            let [kx, ky, kz] = r.k;
-            let (sx, sy) = (_mm256_set1_ps(r.shear[0]), _mm256_set1_ps(r.shear[1]));
-            let corner = |v: usize| {
-                let load = |k: usize, o: f32| {
-                    _mm256_sub_ps(_mm256_load_ps(block.v[v][k].as_ptr().add(8 * half)), _mm256_set1_ps(o))
-                };
-                let z = load(kz, r.origin[2]);
-                (
-                    _mm256_sub_ps(load(kx, r.origin[0]), _mm256_mul_ps(sx, z)),
-                    _mm256_sub_ps(load(ky, r.origin[1]), _mm256_mul_ps(sy, z)),
-                    z,
-                )
+            let row = |row: &Row| _mm256_load_ps(row.as_ptr().add(8 * half));
+            let splat = |x: f32| _mm256_set1_ps(x);
+            let dot = |v: &[Row; 3], [x, y, z]: [f32; 3], sum: __m256| {
+                let sum = _mm256_fmadd_ps(row(&v[0]), splat(x), sum);
+                _mm256_fmadd_ps(row(&v[2]), splat(z), _mm256_fmadd_ps(row(&v[1]), splat(y), sum))
             };
-            let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (corner(0), corner(1), corner(2));
-            let edge = |p, q, r, s| _mm256_sub_ps(_mm256_mul_ps(p, q), _mm256_mul_ps(r, s));
-            let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
-            let (zero, minus) = (_mm256_setzero_ps(), _mm256_set1_ps(-0.0));
-            let abs = |x| _mm256_andnot_ps(minus, x);
-            let most = |a, b, c| _mm256_max_ps(_mm256_max_ps(a, b), c);
-            let side = _mm256_max_ps(most(abs(ax), abs(bx), abs(cx)), most(abs(ay), abs(by), abs(cy)));
-            let reach = _mm256_add_ps(side, most(abs(az), abs(bz), abs(cz)));
-            let error = _mm256_mul_ps(reach, _mm256_mul_ps(side, _mm256_set1_ps(EDGE)));
-            let error = _mm256_max_ps(error, _mm256_set1_ps(f32::MIN_POSITIVE));
-            let scale = _mm256_set1_ps(r.shear[2]);
-            let [az, bz, cz] = [_mm256_mul_ps(az, scale), _mm256_mul_ps(bz, scale), _mm256_mul_ps(cz, scale)];
-            let low = _mm256_min_ps(_mm256_min_ps(u, v), w);
-            let high = most(u, v, w);
-            let first = _mm256_min_ps(_mm256_min_ps(az, bz), cz);
-            let last = _mm256_max_ps(_mm256_max_ps(az, bz), cz);
-            _mm256_storeu_ps(near.as_mut_ptr().add(8 * half), first);
-            let inside = _mm256_or_ps(
-                _mm256_cmp_ps::<_CMP_GE_OQ>(low, _mm256_xor_ps(error, minus)),
-                _mm256_cmp_ps::<_CMP_LE_OQ>(high, error),
+            let (zero, minus) = (_mm256_setzero_ps(), splat(-0.0));
+            let slope = dot(&block.normal, ray.d, zero);
+            let sign = _mm256_and_ps(slope, minus);
+            let slope = _mm256_andnot_ps(minus, slope);
+            let volume = |k: usize| _mm256_xor_ps(sign, dot(&block.edge[k], ray.m, dot(&block.moment[k], ray.d, zero)));
+            let (u, v) = (volume(0), volume(1));
+            let w = _mm256_sub_ps(_mm256_fmsub_ps(row(&block.area), slope, u), v);
+            let least = _mm256_min_ps(_mm256_min_ps(u, v), w);
+            let [x, y, z] = ray.o;
+            let distance = _mm256_xor_ps(sign, dot(&block.normal, [-x, -y, -z], row(&block.offset)));
+            let error = _mm256_fmadd_ps(row(&block.origin_error), splat(ray.reach), row(&block.offset_error));
+            let slope_error = _mm256_mul_ps(row(&block.slope_error), splat(ray.size));
+            let near = _mm256_sub_ps(distance, error);
+            let steepest = _mm256_add_ps(slope, slope_error);
+            let inside = _mm256_cmp_ps::<_CMP_GE_OQ>(least, splat(-ray.error));
+            let ahead = _mm256_or_ps(
+                _mm256_cmp_ps::<_CMP_GE_OQ>(distance, _mm256_xor_ps(error, minus)),
+                _mm256_cmp_ps::<_CMP_LE_OQ>(slope, slope_error),
             );
-            let within = _mm256_and_ps(
-                _mm256_cmp_ps::<_CMP_GE_OQ>(last, zero),
-                _mm256_cmp_ps::<_CMP_LE_OQ>(first, _mm256_set1_ps(limit)),
-            );
-            pass |= (_mm256_movemask_ps(_mm256_and_ps(inside, within)) as u32) << (8 * half);
+            let before = _mm256_cmp_ps::<_CMP_LE_OQ>(near, _mm256_mul_ps(steepest, splat(limits.beyond)));
+            let passes = _mm256_and_ps(inside, _mm256_and_ps(ahead, before));
+            pass |= (_mm256_movemask_ps(passes) as u32) << (8 * half);
+            if ANY {
+                let inside = _mm256_cmp_ps::<_CMP_GT_OQ>(least, splat(ray.error));
+                let (far, flattest) = (_mm256_add_ps(distance, error), _mm256_sub_ps(slope, slope_error));
+                let before = _mm256_cmp_ps::<_CMP_LT_OQ>(far, _mm256_mul_ps(flattest, splat(limits.within)));
+                let between = _mm256_and_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(near, zero), before);
+                hit |= _mm256_movemask_ps(_mm256_and_ps(inside, between));
+            } else {
+                _mm256_store_ps(depths.near.as_mut_ptr().add(8 * half), near);
+                _mm256_store_ps(depths.slope.as_mut_ptr().add(8 * half), steepest);
+            }
         }
     }
-    pass
+    if hit != 0 { None } else { Some(pass) }
 }
 
 #[inline]
-#[target_feature(enable = "avx512f")]
-fn flat_avx512(r: &Avx2, block: &FlatBlock, limit: f32, near: &mut [f32; FLAT_LANES]) -> u32 {
-    // SAFETY: this type exists only inside functions that enable AVX-512 F; rows are 64-byte aligned as the block
-    // is, the store is unaligned.
+#[target_feature(enable = "avx512f,avx512dq")]
+fn flat_avx512<const ANY: bool>(block: &FlatBlock, ray: &FlatRay, limits: Limits, depths: &mut Depths) -> Option<u32> {
+    // SAFETY: rows are 64-byte aligned, as the block and the depths are.
     unsafe {
-        let [kx, ky, kz] = r.k;
-        let (sx, sy) = (_mm512_set1_ps(r.shear[0]), _mm512_set1_ps(r.shear[1]));
-        let corner = |v: usize| {
-            let load = |k: usize, o: f32| _mm512_sub_ps(_mm512_load_ps(block.v[v][k].as_ptr()), _mm512_set1_ps(o));
-            let z = load(kz, r.origin[2]);
-            (
-                _mm512_sub_ps(load(kx, r.origin[0]), _mm512_mul_ps(sx, z)),
-                _mm512_sub_ps(load(ky, r.origin[1]), _mm512_mul_ps(sy, z)),
-                z,
-            )
+        let row = |row: &Row| _mm512_load_ps(row.as_ptr());
+        let splat = |x: f32| _mm512_set1_ps(x);
+        let dot = |v: &[Row; 3], [x, y, z]: [f32; 3], sum: __m512| {
+            let sum = _mm512_fmadd_ps(row(&v[0]), splat(x), sum);
+            _mm512_fmadd_ps(row(&v[2]), splat(z), _mm512_fmadd_ps(row(&v[1]), splat(y), sum))
         };
-        let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (corner(0), corner(1), corner(2));
-        let edge = |p, q, r, s| _mm512_sub_ps(_mm512_mul_ps(p, q), _mm512_mul_ps(r, s));
-        let (u, v, w) = (edge(cx, by, cy, bx), edge(ax, cy, ay, cx), edge(bx, ay, by, ax));
-        let zero = _mm512_setzero_ps();
-        let abs = |x| _mm512_abs_ps(x);
-        let most = |a, b, c| _mm512_max_ps(_mm512_max_ps(a, b), c);
-        let side = _mm512_max_ps(most(abs(ax), abs(bx), abs(cx)), most(abs(ay), abs(by), abs(cy)));
-        let reach = _mm512_add_ps(side, most(abs(az), abs(bz), abs(cz)));
-        let error = _mm512_mul_ps(reach, _mm512_mul_ps(side, _mm512_set1_ps(EDGE)));
-        let error = _mm512_max_ps(error, _mm512_set1_ps(f32::MIN_POSITIVE));
-        let scale = _mm512_set1_ps(r.shear[2]);
-        let [az, bz, cz] = [_mm512_mul_ps(az, scale), _mm512_mul_ps(bz, scale), _mm512_mul_ps(cz, scale)];
-        let low = _mm512_min_ps(_mm512_min_ps(u, v), w);
-        let high = most(u, v, w);
-        let first = _mm512_min_ps(_mm512_min_ps(az, bz), cz);
-        let last = _mm512_max_ps(_mm512_max_ps(az, bz), cz);
-        let inside = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(low, _mm512_sub_ps(zero, error))
-            | _mm512_cmp_ps_mask::<_CMP_LE_OQ>(high, error);
-        let within = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(last, zero)
-            & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(first, _mm512_set1_ps(limit));
-        let pass = inside & within;
+        let (zero, minus) = (_mm512_setzero_ps(), splat(-0.0));
+        let slope = dot(&block.normal, ray.d, zero);
+        let sign = _mm512_and_ps(slope, minus);
+        let slope = _mm512_abs_ps(slope);
+        let volume = |k: usize| _mm512_xor_ps(sign, dot(&block.edge[k], ray.m, dot(&block.moment[k], ray.d, zero)));
+        let (u, v) = (volume(0), volume(1));
+        let w = _mm512_sub_ps(_mm512_fmsub_ps(row(&block.area), slope, u), v);
+        let least = _mm512_min_ps(_mm512_min_ps(u, v), w);
+        let [x, y, z] = ray.o;
+        let distance = _mm512_xor_ps(sign, dot(&block.normal, [-x, -y, -z], row(&block.offset)));
+        let error = _mm512_fmadd_ps(row(&block.origin_error), splat(ray.reach), row(&block.offset_error));
+        let slope_error = _mm512_mul_ps(row(&block.slope_error), splat(ray.size));
+        let near = _mm512_sub_ps(distance, error);
+        let steepest = _mm512_add_ps(slope, slope_error);
+        let inside = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(least, splat(-ray.error));
+        let ahead = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(distance, _mm512_xor_ps(error, minus))
+            | _mm512_cmp_ps_mask::<_CMP_LE_OQ>(slope, slope_error);
+        let before = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, _mm512_mul_ps(steepest, splat(limits.beyond)));
+        let pass = u32::from(inside & ahead & before);
         if pass == 0 {
-            return 0;
+            return Some(0);
         }
-        _mm512_storeu_ps(near.as_mut_ptr(), first);
-        u32::from(pass)
+        if ANY {
+            let inside = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(least, splat(ray.error));
+            let (far, flattest) = (_mm512_add_ps(distance, error), _mm512_sub_ps(slope, slope_error));
+            let before = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(far, _mm512_mul_ps(flattest, splat(limits.within)));
+            if inside & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(near, zero) & before != 0 {
+                return None;
+            }
+        } else {
+            _mm512_store_ps(depths.near.as_mut_ptr(), near);
+            _mm512_store_ps(depths.slope.as_mut_ptr(), steepest);
+        }
+        Some(pass)
     }
 }
