@@ -10,7 +10,7 @@ mod embree;
 
 use std::sync::Arc;
 
-pub use bvh::{Bvh, Isa};
+pub use bvh::{Bvh, Isa, Task, run};
 #[cfg(embree)]
 pub use embree::EmbreeAccel;
 

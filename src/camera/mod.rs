@@ -189,7 +189,7 @@ impl Camera {
     }
 
     /// The ray through `film_pos` (pixels of the whole film); `u` picks the point on the lens.
-    #[inline]
+    #[inline(always)]
     pub fn generate_ray(&self, film_pos: Vec2, u: Vec2) -> CameraRay {
         let at = self.corner + film_pos.x * self.dx + film_pos.y * self.dy;
         let Projection::Perspective { lens } = self.projection else {

@@ -68,7 +68,7 @@ impl Reach {
     }
 
     /// Calls `f(x, y, weight)` for the pixels with weight in `low..high`.
-    #[inline]
+    #[inline(always)]
     pub fn for_each(&self, low: (i32, i32), high: (i32, i32), mut f: impl FnMut(i32, i32, f32)) {
         if self.filter == ReconstructionFilter::Box {
             let (x, y) = (self.at.x.floor() as i32, self.at.y.floor() as i32);

@@ -35,6 +35,7 @@ struct Previous {
 }
 
 impl Integrator for Path {
+    #[inline(always)]
     fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
         let mut radiance = Rgb::BLACK;
         let camera_ray = &sample.camera_ray;

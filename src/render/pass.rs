@@ -3,7 +3,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use crate::film::Film;
+use crate::accel::{self, Task};
+use crate::film::{Film, FilmTile};
 use crate::integrator::{CameraSample, Integrator};
 use crate::math::Vec2;
 use crate::sample::{Key, Purpose, Sampler};
@@ -27,24 +28,8 @@ pub fn render_pass<I: Integrator>(
     let rendered: Vec<_> = (0..tiles)
         .into_par_iter()
         .map(|index| {
-            let mut tile = film.tile(index);
-            let mut counters = Counters::default();
-            for (x, y) in tile.pixels() {
-                let pixel_key = pixel_key(key, (x, y));
-                for index in samples.clone() {
-                    let (film_pos, sample, mut sampler) = camera_sample(scene, pixel_key, (x, y), index);
-                    let radiance = integrator.li(scene, &sample, &mut sampler, &mut counters);
-                    counters.samples += 1;
-                    // Drop what is not a number, and say so.
-                    if !tile.add_sample(film_pos, radiance) {
-                        if radiance.to_array().iter().any(|c| c.is_nan()) {
-                            counters.nan_samples += 1;
-                        } else {
-                            counters.infinite_samples += 1;
-                        }
-                    }
-                }
-            }
+            let (tile, counters) =
+                accel::run(Tile { scene, integrator, film: &*film, index, key, samples: samples.clone() });
             let finished = done.fetch_add(1, Ordering::Relaxed) + 1;
             progress(finished as f64 / tiles as f64);
             (tile, counters)
@@ -59,6 +44,44 @@ pub fn render_pass<I: Integrator>(
     counters
 }
 
+/// The samples of one tile.
+struct Tile<'a, I> {
+    scene: &'a Scene,
+    integrator: &'a I,
+    film: &'a Film,
+    index: usize,
+    key: Key,
+    samples: Range<u64>,
+}
+
+impl<I: Integrator> Task for Tile<'_, I> {
+    type Output = (FilmTile, Counters);
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        let Self { scene, integrator, film, index, key, samples } = self;
+        let mut tile = film.tile(index);
+        let mut counters = Counters::default();
+        for (x, y) in tile.pixels() {
+            let pixel_key = pixel_key(key, (x, y));
+            for index in samples.clone() {
+                let (film_pos, sample, mut sampler) = camera_sample(scene, pixel_key, (x, y), index);
+                let radiance = integrator.li(scene, &sample, &mut sampler, &mut counters);
+                counters.samples += 1;
+                // Drop what is not a number, and say so.
+                if !tile.add_sample(film_pos, radiance) {
+                    if radiance.to_array().iter().any(|c| c.is_nan()) {
+                        counters.nan_samples += 1;
+                    } else {
+                        counters.infinite_samples += 1;
+                    }
+                }
+            }
+        }
+        (tile, counters)
+    }
+}
+
 /// The key of a pixel's samples.
 #[inline]
 pub(super) fn pixel_key(key: Key, (x, y): (u32, u32)) -> Key {
@@ -66,7 +89,7 @@ pub(super) fn pixel_key(key: Key, (x, y): (u32, u32)) -> Key {
 }
 
 /// Places sample `index` of a pixel on the film and the lens; the rest of its random numbers follows.
-#[inline]
+#[inline(always)]
 pub(super) fn camera_sample(
     scene: &Scene,
     pixel_key: Key,

@@ -129,7 +129,7 @@ fn boxes(geometry: &GeometrySet, wanted: impl Fn(u32) -> bool) -> Vec<Bounds3> {
 
 impl Scene {
     /// The ray through a point of the film, in the media that it starts in.
-    #[inline]
+    #[inline(always)]
     pub fn camera_ray(&self, film_pos: Vec2, u: Vec2) -> CameraRay {
         let mut c = self.camera.generate_ray(film_pos, u);
         if let Some(nested) = &self.nested {

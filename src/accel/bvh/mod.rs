@@ -22,6 +22,7 @@ use super::{AccelOptions, Quality};
 use crate::geometry::{GeometrySet, Hit, Ray};
 use crate::math::Bounds3;
 use parts::Parts;
+pub use simd::{Task, run};
 use wide::Tree;
 
 /// The Rust tree over all geometry of a scene; two levels deep where there are instances.

@@ -112,6 +112,29 @@ fn test_all<const ANY: bool>(bvh: &Bvh, tree: &Tree, flat: (&Flat, &FlatRay), ra
     }
 }
 
+/// Work that is worth compiling for each instruction set. Results do not depend on which: products and sums are fused only
+/// where the code asks for it.
+pub trait Task {
+    type Output;
+
+    /// To be inlined always, and with it what is hot inside; what is not inlined is compiled for every processor.
+    fn run(self) -> Self::Output;
+}
+
+/// Runs `task` as compiled for the best instruction set of this processor. Ray queries of the Rust BVH become part of it.
+#[inline]
+pub fn run<T: Task>(task: T) -> T::Output {
+    match Isa::detect() {
+        // SAFETY: the instruction set is available.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => unsafe { x86::run_avx512(task) },
+        // SAFETY: as above.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx2 => unsafe { x86::run_avx2(task) },
+        _ => task.run(),
+    }
+}
+
 /// Sorts references into bins.
 #[inline]
 pub(super) fn fill_bins(bins: &mut Bins, refs: &[PrimRef], map: &Binning) {

@@ -58,6 +58,16 @@ pub(super) fn test_all_avx512<const ANY: bool>(
     flat::test_all::<Avx512, ANY>(bvh, tree, flat, ray, placed, best);
 }
 
+#[target_feature(enable = "avx2,bmi1,fma")]
+pub(super) fn run_avx2<T: Task>(task: T) -> T::Output {
+    task.run()
+}
+
+#[target_feature(enable = "avx2,bmi1,fma,avx512f,avx512dq,avx512vl")]
+pub(super) fn run_avx512<T: Task>(task: T) -> T::Output {
+    task.run()
+}
+
 struct Avx2Union;
 
 impl Union for Avx2Union {
