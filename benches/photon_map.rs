@@ -3,13 +3,25 @@
 //! ```text
 //! cargo bench --bench photon_map [-- query build] [--photons 2000000] [--rounds 7]
 //! ```
-//! Rivals in the same run: kiddo's `ImmutableKdTree`, and a textbook scalar `locate_photons` on twenty-byte records. Runs
-//! alternate in slices; medians are printed. Queries are timed by the thread's running time, builds by the clock.
+//! Rivals in the same run: kiddo's `ImmutableKdTree`, a textbook scalar `locate_photons` on twenty-byte records, and
+//! nanoflann where its header and g++ are installed. Runs alternate in slices; medians are printed. Queries are timed by the
+//! thread's running time, builds by the clock.
+//!
+//! The memory-bandwidth bound of a query is the time that the same thread takes to read, at random and with as many reads
+//! under way as there can be, the cache lines that a query must read that knows its radius from the start; of sorted
+//! queries, to read every position once in order for all queries of a slice's part of the room.
+
+#[path = "photon_map/memory.rs"]
+mod memory;
+#[path = "photon_map/nanoflann.rs"]
+mod nanoflann;
 
 use caustica::math::{Bounds3, Vec3};
 use caustica::photon::{KnnScratch, Photon, PhotonMap, morton_order};
 use caustica::sample::mix64;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nanoflann::Nanoflann;
+use std::cell::RefCell;
 use std::hint::black_box;
 use std::num::NonZero;
 use std::time::Instant;
@@ -134,6 +146,9 @@ struct Bench {
     map: PhotonMap,
     heap: Vec<Photon>,
     kiddo: Tree,
+    nanoflann: Option<RefCell<Nanoflann>>,
+    /// Bytes a second in order, cache lines a second at random.
+    memory: (f64, f64),
     rounds: usize,
 }
 
@@ -144,7 +159,16 @@ impl Bench {
         let heap = std::iter::once(Photon::default()).chain(map.heap_order()).collect();
         let arrays: Vec<[f32; 3]> = points.iter().map(|p| p.to_array()).collect();
         let kiddo = Tree::new_from_slice(&arrays).expect("finite points");
-        Self { points, map, heap, kiddo, rounds }
+        let nanoflann = Nanoflann::start(&points).map(RefCell::new);
+        if nanoflann.is_none() {
+            println!("without nanoflann: its header or g++ is missing");
+        }
+        let memory = memory::rates(map.len() * 12, |work| {
+            let start = thread_seconds();
+            work();
+            thread_seconds() - start
+        });
+        Self { points, map, heap, kiddo, nanoflann, memory, rounds }
     }
 
     fn ours(&self, queries: &[Vec3], k: usize) -> f64 {
@@ -176,42 +200,77 @@ impl Bench {
         queries.iter().map(farthest).sum()
     }
 
+    /// Times a method by the thread's running time; seconds and what it returned.
+    fn timed(method: impl FnOnce() -> f64) -> (f64, f64) {
+        let start = thread_seconds();
+        let sum = black_box(method());
+        (thread_seconds() - start, sum)
+    }
+
     /// Median nanoseconds a query of every method, asked in alternating slices.
-    fn compare(&self, name: &str, queries: &[Vec3], k: usize) {
-        type Query<'a> = &'a dyn Fn(&[Vec3], usize) -> f64;
-        let methods: [(&str, Query); 3] = [
-            ("caustica", &|q, k| self.ours(q, k)),
-            ("textbook", &|q, k| self.textbook(q, k)),
-            ("kiddo", &|q, k| self.kiddo(q, k)),
+    fn compare(&self, name: &str, queries: &[Vec3], k: usize, sorted: bool) {
+        type Query<'a> = (&'a str, Box<dyn Fn(&[Vec3]) -> (f64, f64) + 'a>);
+        let mut methods: Vec<Query> = vec![
+            ("caustica", Box::new(move |q| Self::timed(|| self.ours(q, k)))),
+            ("textbook", Box::new(move |q| Self::timed(|| self.textbook(q, k)))),
+            ("kiddo", Box::new(move |q| Self::timed(|| self.kiddo(q, k)))),
         ];
-        let mut times = [const { Vec::new() }; 3];
+        if let Some(rival) = &self.nanoflann {
+            let ask = move |q: &[Vec3]| rival.borrow_mut().query(q, k).expect("nanoflann answers");
+            methods.push(("nanoflann", Box::new(ask)));
+        }
+        let mut times = vec![Vec::new(); methods.len()];
         let slices: Vec<&[Vec3]> = queries.chunks(SLICE).collect();
         for round in 0..self.rounds {
             let slice = slices[round * 5 % slices.len()];
-            let mut sums = [0.0; 3];
+            let mut sums = vec![0.0; methods.len()];
             for (i, (_, method)) in methods.iter().enumerate() {
-                let start = thread_seconds();
-                sums[i] = black_box(method(slice, k));
-                times[i].push((thread_seconds() - start) * 1e9 / slice.len() as f64);
+                let (seconds, sum) = method(slice);
+                times[i].push(seconds * 1e9 / slice.len() as f64);
+                sums[i] = sum;
             }
             assert!(sums.iter().all(|s| (s / sums[0] - 1.0).abs() < 1e-6), "the methods disagree: {sums:?}");
         }
-        let ns = times.map(median);
+        let ns: Vec<f64> = times.into_iter().map(median).collect();
         println!("{name}, k = {k}:");
         for (i, (label, _)) in methods.iter().enumerate() {
             println!("  {label:9} {:8.0} ns/query {:7.3} M queries/s  {:5.2}x", ns[i], 1e3 / ns[i], ns[i] / ns[0]);
         }
+        self.print_bound(ns[0], queries, k, sorted);
+    }
+
+    /// Prints which share of a query's time the memory would need.
+    fn print_bound(&self, ns: f64, queries: &[Vec3], k: usize, sorted: bool) {
+        let (bytes_a_second, lines_a_second) = self.memory;
+        if sorted {
+            // The map's positions and the queries themselves, once.
+            let bytes = 12.0 * (self.points.len() as f64 / queries.len() as f64 + 1.0);
+            let bound = bytes / bytes_a_second * 1e9;
+            println!("  {bytes:.0} bytes a query in order: {bound:.1} ns, {:.1} % of its time", 100.0 * bound / ns);
+            return;
+        }
+        let mut scratch = KnnScratch::new();
+        let some = &queries[..queries.len().min(2000)];
+        let lines = |&q: &Vec3| {
+            let r_sq = self.map.nearest(q, k, f32::INFINITY, &mut scratch).radius_sq;
+            self.map.lines_within(q, r_sq)
+        };
+        let lines = some.iter().map(lines).sum::<usize>() as f64 / some.len() as f64;
+        let bound = lines / lines_a_second * 1e9;
+        println!("  {lines:.0} cache lines a query at random: {bound:.0} ns, {:.0} % of its time", 100.0 * bound / ns);
     }
 
     fn queries(&self) {
         let bytes = self.map.memory() as f64 / self.points.len() as f64;
         println!("{} photons on walls and a sphere, {bytes:.2} bytes a photon, one thread", self.points.len());
+        let (bytes, lines) = self.memory;
+        println!("memory: {:.1} GB/s in order, {:.0} M cache lines/s at random", bytes * 1e-9, lines * 1e-6);
         let unsorted = points(1_000_000, 1 << 40);
         let order = morton_order(&unsorted, &Bounds3::from_points(unsorted.iter().copied()));
         let sorted: Vec<Vec3> = order.iter().map(|&i| unsorted[i as usize]).collect();
         for k in [50, 200] {
-            self.compare("Morton-sorted", &sorted, k);
-            self.compare("unsorted", &unsorted, k);
+            self.compare("Morton-sorted", &sorted, k, true);
+            self.compare("unsorted", &unsorted, k, false);
         }
     }
 }

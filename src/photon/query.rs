@@ -134,6 +134,32 @@ impl PhotonMap {
     }
 }
 
+impl PhotonMap {
+    /// How many cache lines of positions [`PhotonMap::within`] reads for this radius: what benchmarks measure the memory's
+    /// share by.
+    pub fn lines_within(&self, p: Vec3, r_sq: f32) -> usize {
+        struct Lines<'a>(&'a PhotonMap, [f32; 3], f32);
+        impl Task for Lines<'_> {
+            type Output = usize;
+            #[inline(always)]
+            fn run<S: Simd>(self, simd: S) -> usize {
+                let (mut found, mut buckets) = (Found::default(), 0);
+                found.reset(ROOM);
+                walk(self.0, simd, self.1, self.2.next_up(), &mut found, |found, r_sq| {
+                    found.len = 0;
+                    buckets += 1;
+                    r_sq
+                });
+                buckets
+            }
+        }
+        // A bucket is one run; between two of them lies a photon of an upper node, whose coordinates are on three lines.
+        let buckets = Level::best().run(Lines(self, p.to_array(), r_sq));
+        let in_a_block = self.positions.as_slice().len() / 16 / self.layout.buckets;
+        buckets * in_a_block + 3 * buckets.saturating_sub(1)
+    }
+}
+
 impl KnnScratch {
     /// A squared distance that k photons are certainly below.
     #[inline]
