@@ -4,7 +4,7 @@ mod common;
 
 use caustica::film::Film;
 use caustica::image::Image;
-use caustica::integrator::vcm::{Merging, VcmSettings, render_pass};
+use caustica::integrator::vcm::{Merging, VcmSettings, Workspace, render_pass};
 use caustica::scene::Scene;
 use common::{Estimate, backends, image, scene};
 
@@ -134,7 +134,7 @@ fn blocks(image: &Image) -> Vec<f64> {
 fn variant(scene: &Scene, settings: &VcmSettings, spp: u64, seed: u64) -> Image {
     let settings = VcmSettings { max_depth: max_depth(scene), ..*settings };
     let mut film = Film::new(scene.camera.window(), scene.film.filter);
-    render_pass(scene, &settings, seed, 0..spp, &mut film, &|_| ());
+    render_pass(scene, &settings, seed, 0..spp, &mut film, &mut Workspace::default(), &|_| ());
     film.develop(1.0 / spp as f64)
 }
 

@@ -52,6 +52,11 @@ impl SplatBuffer {
     pub fn is_empty(&self) -> bool {
         self.splats.is_empty()
     }
+
+    /// Empties it and keeps its memory.
+    pub fn clear(&mut self) {
+        self.splats.clear();
+    }
 }
 
 impl Film {

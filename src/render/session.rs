@@ -35,6 +35,8 @@ pub struct Session<'s> {
     pub(super) progressive: Option<Progressive>,
     /// Statistics of earlier passes, from a checkpoint, until progressive photon mapping takes them up.
     pub(super) resumed_shared: Option<SharedStatistics>,
+    /// Memory that passes of the bidirectional methods use again.
+    pub(super) workspace: vcm::Workspace,
     pub summary: Summary,
 }
 
@@ -50,6 +52,7 @@ impl<'s> Session<'s> {
             next: plan.passes.start,
             progressive: None,
             resumed_shared: None,
+            workspace: vcm::Workspace::default(),
             summary: Summary::new(plan),
             plan: plan.clone(),
         }
@@ -96,11 +99,12 @@ impl<'s> Session<'s> {
             }
             Method::LightTracer(v) | Method::Bidirectional(v) | Method::Vcm(v) => {
                 let range = samples.clone();
+                let work = &mut self.workspace;
                 let mut counters =
-                    self.summary.time("render", || vcm::render_pass(scene, &v, seed, range, &mut film, &report));
+                    self.summary.time("render", || vcm::render_pass(scene, &v, seed, range, &mut film, work, &report));
                 if tell_bias && v.merging != Merging::Off {
                     let (v, mut narrow) = (v.with_radius_scaled(NARROW.sqrt()), film.fresh());
-                    let again = || vcm::render_pass(scene, &v, seed, samples, &mut narrow, &|_| {});
+                    let again = || vcm::render_pass(scene, &v, seed, samples, &mut narrow, work, &|_| {});
                     counters += self.summary.time("estimate bias", again);
                     others = Some((None, narrow));
                 }

@@ -32,43 +32,48 @@ pub(super) struct Grid {
     /// Positions and depths apart from the rest: most of what a query looks at it rejects.
     positions: Vec<(Vec3, u32)>,
     photons: Vec<Photon>,
+    /// Buckets of the photons, and where they come from, while they are sorted.
+    keys: Vec<u32>,
+    order: Vec<(u32, u32)>,
     inv_cell: f32,
     radius_sq: f32,
 }
 
 impl Grid {
-    /// Sorts photons for merges within `radius`. The order within a bucket is that of `photons`.
-    pub fn build<'a>(batches: impl Iterator<Item = &'a [Photon]> + Clone, radius: f32) -> Self {
+    /// Sorts photons for merges within `radius`, in place of those it held. The order within a bucket is that of `photons`.
+    pub fn fill<'a>(&mut self, batches: impl Iterator<Item = &'a [Photon]> + Clone, radius: f32) {
         let count: usize = batches.clone().map(<[Photon]>::len).sum();
         let buckets = count.next_power_of_two().max(1);
-        let mut grid = Self {
-            starts: vec![0; buckets + 1],
-            positions: Vec::new(),
-            photons: Vec::new(),
-            inv_cell: 0.5 / radius,
-            radius_sq: radius * radius,
-        };
+        (self.inv_cell, self.radius_sq) = (0.5 / radius, radius * radius);
+        self.starts.clear();
+        self.starts.resize(buckets + 1, 0);
         // Count, sum and place.
-        let keys: Vec<u32> =
-            batches.clone().flatten().map(|p| grid.bucket((p.p * grid.inv_cell).floor().as_ivec3())).collect();
+        let mut keys = std::mem::take(&mut self.keys);
+        keys.clear();
+        keys.extend(batches.clone().flatten().map(|p| self.bucket((p.p * self.inv_cell).floor().as_ivec3())));
         for &k in &keys {
-            grid.starts[k as usize + 1] += 1;
+            self.starts[k as usize + 1] += 1;
         }
         for i in 0..buckets {
-            grid.starts[i + 1] += grid.starts[i];
+            self.starts[i + 1] += self.starts[i];
         }
-        let mut next = grid.starts.clone();
-        let mut order = vec![(0u32, 0u32); count];
+        self.order.clear();
+        self.order.resize(count, (0, 0));
         let places =
             batches.clone().enumerate().flat_map(|(b, batch)| (0..batch.len()).map(move |i| (b as u32, i as u32)));
         for (&k, place) in keys.iter().zip(places) {
-            order[next[k as usize] as usize] = place;
-            next[k as usize] += 1;
+            self.order[self.starts[k as usize] as usize] = place;
+            self.starts[k as usize] += 1;
         }
+        // Placing has moved each start to the next one's place.
+        self.starts.copy_within(0..buckets, 1);
+        self.starts[0] = 0;
+        self.keys = keys;
         let slices: Vec<&[Photon]> = batches.collect();
-        grid.photons.extend(order.iter().map(|&(b, i)| slices[b as usize][i as usize]));
-        grid.positions.extend(grid.photons.iter().map(|p| (p.p, p.depth)));
-        grid
+        self.photons.clear();
+        self.photons.extend(self.order.iter().map(|&(b, i)| slices[b as usize][i as usize]));
+        self.positions.clear();
+        self.positions.extend(self.photons.iter().map(|p| (p.p, p.depth)));
     }
 
     pub fn is_empty(&self) -> bool {

@@ -147,6 +147,16 @@ pub(super) struct LightSink {
     pub counters: Counters,
 }
 
+impl LightSink {
+    /// Empties it and keeps its memory.
+    pub fn clear(&mut self) {
+        self.vertices.clear();
+        self.photons.clear();
+        self.splats.clear();
+        self.counters = Counters::default();
+    }
+}
+
 /// What [`trace`] is to collect.
 #[derive(Clone, Copy)]
 pub(super) struct Collect {

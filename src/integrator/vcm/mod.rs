@@ -16,6 +16,6 @@ mod step;
 mod tests;
 mod weights;
 
-pub use pass::render_pass;
+pub use pass::{Workspace, render_pass};
 pub use radius::{automatic_radius, radius_sq_ratio};
 pub use recipe::{Merging, Recipe, VcmSettings};

@@ -16,7 +16,8 @@ use crate::scene::Scene;
 use crate::shoot::PATHS_PER_BATCH;
 use crate::tally::Counters;
 
-/// Takes the camera samples `samples` of every pixel, with as many light paths, and adds them to `film`.
+/// Takes the camera samples `samples` of every pixel, with as many light paths, and adds them to `film`; `workspace` is
+/// memory of earlier passes, or new.
 ///
 /// Splats are estimates of the picture, one for each sample of a pixel: a film that holds `n` samples per pixel is
 /// developed with a splat scale of `1/n`. The merging radius depends on the number of the sample alone, counted from 0.
@@ -26,6 +27,7 @@ pub fn render_pass(
     seed: u64,
     samples: Range<u64>,
     film: &mut Film,
+    workspace: &mut Workspace,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Counters {
     let recipe = Recipe::new(scene, settings);
@@ -34,9 +36,17 @@ pub fn render_pass(
     for (done, sample) in samples.enumerate() {
         let iteration = Iteration { recipe: &recipe, seed, sample };
         let report = |fraction: f64| progress((done as f64 + fraction) / count as f64);
-        counters += iteration.render(film, &report);
+        counters += iteration.render(film, workspace, &report);
     }
     counters
+}
+
+/// Memory that passes use again: what an iteration stores of its light is large, and pages fresh from the system are
+/// cleared first. It holds nothing that one iteration leaves to the next.
+#[derive(Default)]
+pub struct Workspace {
+    batches: Vec<Batch>,
+    grid: Grid,
 }
 
 /// One sample of every pixel.
@@ -47,6 +57,7 @@ struct Iteration<'a, 's> {
 }
 
 /// Light vertices of a batch of paths.
+#[derive(Default)]
 struct Batch {
     sink: LightSink,
     /// The end of each path's vertices.
@@ -61,30 +72,32 @@ struct Done {
 }
 
 impl Iteration<'_, '_> {
-    fn render(&self, film: &mut Film, progress: &(dyn Fn(f64) + Sync)) -> Counters {
+    fn render(&self, film: &mut Film, workspace: &mut Workspace, progress: &(dyn Fn(f64) + Sync)) -> Counters {
         let recipe = self.recipe;
         let mut counters = Counters::default();
-        let (mut batches, mut eta) = (Vec::new(), 0.0);
-        let mut grid = None;
+        let Workspace { batches, grid } = workspace;
+        let mut eta = 0.0;
         // With merging, all light comes before the first camera path.
-        if recipe.settings.merging != Merging::Off {
+        if recipe.settings.merging == Merging::Off {
+            batches.clear();
+        } else {
             let radius = recipe.radius(self.sample);
             eta = std::f64::consts::PI * radius * radius * recipe.light_paths as f64;
-            batches = self.trace_batches(eta);
-            for batch in &batches {
+            self.trace_batches(eta, batches);
+            for batch in batches.iter() {
                 film.merge_splats(&batch.sink.splats);
                 counters += batch.sink.counters;
             }
-            let photons = Grid::build(batches.iter().map(|b| &b.sink.photons[..]), radius as f32);
-            grid = (!photons.is_empty()).then_some(photons);
+            grid.fill(batches.iter().map(|b| &b.sink.photons[..]), radius as f32);
         }
+        let (batches, grid) = (&batches[..], (!batches.is_empty() && !grid.is_empty()).then_some(&*grid));
         // Render tiles, and merge them in their order.
         let done = AtomicUsize::new(0);
         let count = film.tile_count();
         let tiles: Vec<Done> = (0..count)
             .into_par_iter()
             .map(|index| {
-                let tile = self.render_tile(film.tile(index), &batches, grid.as_ref(), eta);
+                let tile = self.render_tile(film.tile(index), batches, grid, eta);
                 progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
                 tile
             })
@@ -102,22 +115,20 @@ impl Iteration<'_, '_> {
         Sampler::new(self.recipe.scene.sampler.sequence, key, self.sample * self.recipe.light_paths + path)
     }
 
-    /// All light paths of the iteration.
-    fn trace_batches(&self, eta: f64) -> Vec<Batch> {
+    /// All light paths of the iteration, into `batches`.
+    fn trace_batches(&self, eta: f64, batches: &mut Vec<Batch>) {
         let paths = self.recipe.light_paths;
         let collect = Collect { vertices: self.recipe.connects(), splats: true };
-        (0..paths.div_ceil(PATHS_PER_BATCH))
-            .into_par_iter()
-            .map(|batch| {
-                let mut out = Batch { sink: LightSink::default(), ends: Vec::new() };
-                let first = batch * PATHS_PER_BATCH;
-                for path in first..(first + PATHS_PER_BATCH).min(paths) {
-                    trace(self.recipe, eta, self.light_sampler(path), collect, &mut out.sink);
-                    out.ends.push(out.sink.vertices.len() as u32);
-                }
-                out
-            })
-            .collect()
+        batches.resize_with(paths.div_ceil(PATHS_PER_BATCH) as usize, Batch::default);
+        batches.par_iter_mut().enumerate().for_each(|(batch, out)| {
+            out.sink.clear();
+            out.ends.clear();
+            let first = batch as u64 * PATHS_PER_BATCH;
+            for path in first..(first + PATHS_PER_BATCH).min(paths) {
+                trace(self.recipe, eta, self.light_sampler(path), collect, &mut out.sink);
+                out.ends.push(out.sink.vertices.len() as u32);
+            }
+        });
     }
 
     /// Camera paths of a tile, with their light paths unless `batches` holds them.
