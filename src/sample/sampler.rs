@@ -20,7 +20,6 @@ pub struct Sampler {
     key: u64,
     /// What the sequence makes of the index: its hash, or its bits in reverse.
     prepared: u64,
-    index: u32,
     dim: u32,
     sequence: Sequence,
 }
@@ -47,7 +46,7 @@ impl Sampler {
             Sequence::Independent => premix(index as u64),
             Sequence::Sobol => index.reverse_bits() as u64,
         };
-        Self { key, prepared, index, dim: 0, sequence }
+        Self { key, prepared, dim: 0, sequence }
     }
 
     /// The next number in [0, 1). Inlined, so that numbers that a branch does not use are not computed.
@@ -78,7 +77,7 @@ impl Sampler {
         let hash = self.next_hash();
         let (key, first) = match self.sequence {
             Sequence::Independent => (hash_premixed(hash, self.prepared), 0),
-            Sequence::Sobol => (hash, self.index as u64 * count as u64),
+            Sequence::Sobol => (hash, (self.prepared as u32).reverse_bits() as u64 * count as u64),
         };
         // A lone sample stays what the sequence makes it.
         let sequence = if count > 1 { Sequence::Sobol } else { self.sequence };
