@@ -194,28 +194,22 @@ impl AreaLight {
         if si.ng.dot(w) > 0.0 { ctx.textures.color(self.radiance, si, ctx.geometry) } else { Rgb::BLACK }
     }
 
+    #[inline(always)]
     pub(super) fn sample_le(&self, ctx: &LightContext, u_pos: Vec2, u_dir: Vec2) -> Option<LightLe> {
-        let (point, pdf_a) = self.sample_point(ctx, u_pos)?;
-        let local = warp::cosine_hemisphere(u_dir);
-        let d = Frame::from_normal(point.n).to_world(local);
-        let radiance = self.radiance_of(ctx, &point);
-        if radiance.is_black() || !(pdf_a > 0.0 && pdf_a.is_finite() && local.z > 0.0) {
-            return None;
+        // As in `sample_li`.
+        if let (Surface::Parallelogram(q), ColorParam::Const(radiance), None) =
+            (&self.surface, self.radiance, &self.table)
+        {
+            return emit((q.position(u_pos), q.n, q.err), self.inv_area, radiance, u_dir);
         }
-        Some(LightLe {
-            ray: emit_from_surface(point.p, point.n, point.p_err, d),
-            p: point.p,
-            n: point.n,
-            p_err: point.p_err,
-            radiance,
-            // The cosine cancels against its density exactly.
-            weight: radiance * (PI as f32 / pdf_a),
-            pdf_a,
-            pdf_w: local.z * INV_PI,
-            delta_position: false,
-            delta_direction: false,
-            finite: true,
-        })
+        self.sample_le_other(ctx, u_pos, u_dir)
+    }
+
+    /// [`AreaLight::sample_le`] of everything but plain rectangles.
+    #[inline(never)]
+    fn sample_le_other(&self, ctx: &LightContext, u_pos: Vec2, u_dir: Vec2) -> Option<LightLe> {
+        let (point, pdf_a) = self.sample_point(ctx, u_pos)?;
+        emit((point.p, point.n, point.p_err), pdf_a, self.radiance_of(ctx, &point), u_dir)
     }
 
     pub(super) fn pdf_le(&self, ctx: &LightContext, p: Vec3, n: Vec3, w: Vec3) -> (f32, f32) {
@@ -254,4 +248,28 @@ impl AreaLight {
     pub(super) fn power(&self) -> Rgb {
         self.mean * (PI * self.area) as f32
     }
+}
+
+/// The start of a path at a point, given with its normal and its error bound.
+#[inline(always)]
+fn emit((p, n, p_err): (Vec3, Vec3, Vec3), pdf_a: f32, radiance: Rgb, u_dir: Vec2) -> Option<LightLe> {
+    let local = warp::cosine_hemisphere(u_dir);
+    let d = Frame::from_normal(n).to_world(local);
+    if radiance.is_black() || !(pdf_a > 0.0 && pdf_a.is_finite() && local.z > 0.0) {
+        return None;
+    }
+    Some(LightLe {
+        ray: emit_from_surface(p, n, p_err, d),
+        p,
+        n,
+        p_err,
+        radiance,
+        // The cosine cancels against its density exactly.
+        weight: radiance * (PI as f32 / pdf_a),
+        pdf_a,
+        pdf_w: local.z * INV_PI,
+        delta_position: false,
+        delta_direction: false,
+        finite: true,
+    })
 }

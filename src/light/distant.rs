@@ -30,6 +30,7 @@ impl Directional {
         (!self.irradiance.is_black()).then_some(li)
     }
 
+    #[inline(always)]
     pub(super) fn sample_le(&self, ctx: &LightContext, u_pos: Vec2) -> Option<LightLe> {
         let le = emit_from_infinity(ctx, self.direction, self.irradiance, 1.0, true, u_pos);
         (!self.irradiance.is_black()).then_some(le)
@@ -50,6 +51,7 @@ impl Constant {
         (!self.radiance.is_black()).then_some(li)
     }
 
+    #[inline(always)]
     pub(super) fn sample_le(&self, ctx: &LightContext, u_pos: Vec2, u_dir: Vec2) -> Option<LightLe> {
         let le = emit_from_infinity(ctx, warp::uniform_sphere(u_dir), self.radiance, self.pdf(), false, u_pos);
         (!self.radiance.is_black()).then_some(le)
@@ -75,6 +77,7 @@ pub(super) fn arrive_from_infinity(
 }
 
 /// A photon that travels along `d` through a uniform point of the disc that covers the scene.
+#[inline(always)]
 pub(super) fn emit_from_infinity(
     ctx: &LightContext,
     d: Vec3,

@@ -116,22 +116,29 @@ impl EnvMap {
         if total > 0.0 { (0..self.height - 1).map(lost).sum() } else { 0.0 }
     }
 
+    #[inline(always)]
     fn cell(&self, wi: Vec3) -> Cell {
         let d = self.axes.transpose() * wi;
         let sin_theta = Vec2::new(d.x, d.z).length();
         let x = (d.x.atan2(-d.z) * (0.5 / PI) as f32) * self.width as f32 - 0.5;
         let y = sin_theta.atan2(d.y) * (1.0 / PI) as f32 * (self.height - 1) as f32;
-        let (fx, fy) = (x - x.floor(), y - y.floor());
-        let col = (x.floor() as i64).rem_euclid(self.width as i64) as usize;
-        let row = (y as usize).min(self.height - 2);
+        // In whole numbers, which need no calls. Columns begin half a turn before the first and one pixel.
+        let (w, left, above) = (self.width as i32, floor(x), y as i32);
+        let col = (if left < 0 { left + w } else { left }).clamp(0, w - 1) as usize;
+        let row = above.clamp(0, self.height as i32 - 2);
         // The last row keeps its lower edge.
-        let fy = if y as usize > row { 1.0 } else { fy };
+        let fy = if above > row { 1.0 } else { y - above as f32 };
+        let (fx, row) = (x - left as f32, row as usize);
         Cell { col, row, f: Vec2::new(fx, fy) }
     }
 
     /// Radiance from the direction `d`, W·m⁻²·sr⁻¹.
     pub fn radiance(&self, d: Vec3) -> Rgb {
-        let Cell { col, row, f } = self.cell(d);
+        self.radiance_in(self.cell(d))
+    }
+
+    #[inline(always)]
+    fn radiance_in(&self, Cell { col, row, f }: Cell) -> Rgb {
         let next = if col + 1 == self.width { 0 } else { col + 1 };
         let at = |x: usize, y: usize| self.pixels[y * self.width + x];
         at(col, row).lerp(at(next, row), f.x).lerp(at(col, row + 1).lerp(at(next, row + 1), f.x), f.y)
@@ -142,13 +149,18 @@ impl EnvMap {
         if self.marginal.total() <= 0.0 {
             return 0.0;
         }
-        let Cell { col, row, .. } = self.cell(wi);
+        self.pdf_in(&self.cell(wi))
+    }
+
+    #[inline(always)]
+    fn pdf_in(&self, &Cell { col, row, .. }: &Cell) -> f32 {
         let cell = self.marginal.pmf(row) * self.rows[row].pmf(col) / self.cell_angle[row];
         (1.0 - self.uniform_share) * cell + self.uniform_share * (0.25 / PI) as f32
     }
 
-    /// A direction towards the light with its density.
-    fn sample_direction(&self, mut u: Vec2) -> Option<(Vec3, f32)> {
+    /// A direction towards the light with its density and its radiance, which is not black.
+    #[inline(always)]
+    fn sample_direction(&self, mut u: Vec2) -> Option<(Vec3, f32, Rgb)> {
         if self.marginal.total() <= 0.0 {
             return None;
         }
@@ -163,8 +175,10 @@ impl EnvMap {
             self.axes * self.direction_in(row, fy, col, fx)
         };
         // Ask for the density of the rounded direction, so that both techniques agree.
-        let pdf = self.pdf(wi);
-        (pdf > 0.0).then_some((wi, pdf))
+        let cell = self.cell(wi);
+        let pdf = self.pdf_in(&cell);
+        let radiance = self.radiance_in(cell);
+        (pdf > 0.0 && !radiance.is_black()).then_some((wi, pdf, radiance))
     }
 
     /// The local direction at fractions `fx` of the azimuth and `fy` of the height of a cell.
@@ -180,20 +194,26 @@ impl EnvMap {
     }
 
     pub(super) fn sample_li(&self, ctx: &LightContext, p: Vec3, u: Vec2) -> Option<LightLi> {
-        let (wi, pdf_w) = self.sample_direction(u)?;
-        let radiance = self.radiance(wi);
-        (!radiance.is_black()).then(|| arrive_from_infinity(ctx, p, wi, radiance, pdf_w, false))
+        let (wi, pdf_w, radiance) = self.sample_direction(u)?;
+        Some(arrive_from_infinity(ctx, p, wi, radiance, pdf_w, false))
     }
 
+    #[inline]
     pub(super) fn sample_le(&self, ctx: &LightContext, u_pos: Vec2, u_dir: Vec2) -> Option<LightLe> {
-        let (wi, pdf_w) = self.sample_direction(u_dir)?;
-        let radiance = self.radiance(wi);
-        (!radiance.is_black()).then(|| emit_from_infinity(ctx, -wi, radiance, pdf_w, false, u_pos))
+        let (wi, pdf_w, radiance) = self.sample_direction(u_dir)?;
+        Some(emit_from_infinity(ctx, -wi, radiance, pdf_w, false, u_pos))
     }
 
     pub(super) fn power(&self, ctx: &LightContext) -> Rgb {
         self.integral * ctx.disc_area() as f32
     }
+}
+
+/// The whole number below.
+#[inline(always)]
+fn floor(x: f32) -> i32 {
+    let towards_zero = x as i32;
+    towards_zero - (towards_zero as f32 > x) as i32
 }
 
 /// ∫ (1−t)·sin θ dθ and ∫ t·sin θ dθ over the cell row between pixel rows `row` and `row + 1`, with `t` rising from 0 to 1.

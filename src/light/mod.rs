@@ -163,7 +163,7 @@ impl Light {
     }
 
     /// Samples the start of a photon's path; its weight is flux in W. `None` when the light emits nothing there.
-    #[inline]
+    #[inline(always)]
     pub fn sample_le(&self, ctx: &LightContext, u_pos: Vec2, u_dir: Vec2) -> Option<LightLe> {
         match self {
             Light::Area(l) => l.sample_le(ctx, u_pos, u_dir),

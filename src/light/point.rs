@@ -19,6 +19,7 @@ impl Point {
         arrive_from_point(self.position, p, |_| self.intensity)
     }
 
+    #[inline(always)]
     pub(super) fn sample_le(&self, u: Vec2) -> Option<LightLe> {
         let (_, pdf_w) = self.pdf_le();
         let le = emit_from_point(self.position, warp::uniform_sphere(u), self.intensity, pdf_w);

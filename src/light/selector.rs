@@ -44,6 +44,10 @@ impl LightSelector {
     /// A light and its probability. `None` when no light emits.
     #[inline]
     pub fn sample(&self, u: f32) -> Option<(usize, f32)> {
+        if self.len() == 1 {
+            let p = self.pmf(0);
+            return (p > 0.0).then_some((0, p));
+        }
         self.cdf.sample(u).map(|(i, p, _)| (i, p))
     }
 
