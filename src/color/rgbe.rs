@@ -28,38 +28,36 @@ const SCALE: [f32; 256] = {
 ///
 /// `None` when a channel is negative, not finite, or above [`RGBE_MAX`].
 pub fn pack(c: Rgb, hash: u64) -> Option<[u8; 4]> {
-    let channels = c.to_array();
-    // Written so that a NaN fails the test.
-    if !channels.iter().all(|v| (0.0..=RGBE_MAX).contains(v)) {
-        return None;
-    }
-    let max = c.max_channel();
-    if max < RGBE_MIN {
-        return Some([0; 4]);
-    }
-    // The exponent of frexp: max = m · 2^e with m in [1/2, 1).
-    let mut e = ((max.to_bits() >> 23) as i32 - 126).max(-127);
-    let mut mantissas = round_up_by_chance(channels, e, hash);
-    // A mantissa that became 256 does not fit: take the next exponent and round again with the same bits, which
-    // keeps the mean (the channel that overflowed always lands on 128).
-    if mantissas.contains(&256) {
-        e += 1;
-        mantissas = round_up_by_chance(channels, e, hash);
-    }
-    let [r, g, b] = mantissas.map(|m| m as u8);
-    Some([r, g, b, (e + 128) as u8])
+    pack_word(c, hash).map(u32::to_le_bytes)
 }
 
-/// `⌊v · 2^(8−e) + u⌋` a channel, `u` being 21 of the hash's bits.
-fn round_up_by_chance(channels: [f32; 3], e: i32, hash: u64) -> [u32; 3] {
-    // 2^(8 − e), which is far from the ends of f64's range.
-    let scale = f64::from_bits(((1023 + 8 - e) as u64) << 52);
-    let mut out = [0; 3];
-    for (k, (m, v)) in out.iter_mut().zip(channels).enumerate() {
-        let u = (hash >> (21 * k) & 0x1f_ffff) as f64 * (1.0 / 2_097_152.0);
-        *m = (f64::from(v) * scale + u) as u32;
+/// [`pack`] as a little-endian word, without calls and with few branches, for loops over many colours.
+#[inline(always)]
+pub fn pack_word(c: Rgb, hash: u64) -> Option<u32> {
+    // Written so that a NaN fails the test.
+    let fits = |v: f32| (v >= 0.0) & (v <= RGBE_MAX);
+    if !(fits(c.r) & fits(c.g) & fits(c.b)) {
+        return None;
     }
-    out
+    // The exponent of frexp: max = m · 2^e with m in [1/2, 1).
+    let max = c.max_channel();
+    let e = (max.to_bits() >> 23) as i32 - 126;
+    // A channel's mantissa is ⌊v · 2^(8−e) + u⌋, u being 21 of the hash's bits: in units of 2⁻²¹ both are whole, but for
+    // digits of v that the sum cannot carry. The factor may be beyond f32, its root is not.
+    let half = (29 - e) >> 1;
+    let power_of_two = |k: i32| f32::from_bits(((127 + k) as u32) << 23);
+    let (low, high) = (power_of_two(half), power_of_two(29 - e - half));
+    let fixed = |v: f32| (v * low * high) as i32;
+    let (r, g, b) = (fixed(c.r), fixed(c.g), fixed(c.b));
+    let chance = |k: u32| (hash >> (21 * k)) as i32 & 0x1f_ffff;
+    let (ur, ug, ub) = (chance(0), chance(1), chance(2));
+    // A mantissa that became 256 does not fit: take the next exponent and round again with the same bits, which
+    // keeps the mean (the channel that overflowed always lands on 128).
+    let over = ((r + ur) | (g + ug) | (b + ub)) >= 256 << 21;
+    let mantissa = |v: i32, u: i32| ((if over { v >> 1 } else { v } + u) >> 21) as u32;
+    let exponent = (e + 128 + over as i32) as u32;
+    let word = mantissa(r, ur) | mantissa(g, ug) << 8 | mantissa(b, ub) << 16 | exponent << 24;
+    Some(if max < RGBE_MIN { 0 } else { word })
 }
 
 /// The colour that [`pack`] stored.

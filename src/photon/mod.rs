@@ -34,3 +34,4 @@ pub use order::{morton_code, morton_order};
 pub use packed::{Flags, MAX_COORDINATE, Photon, PhotonClass, PhotonRecord, Rejected};
 pub use ply::write_ply;
 pub use query::{KnnScratch, Neighbours};
+pub(crate) use simd::{Level, Simd, Task};
