@@ -47,6 +47,30 @@ pub struct DiffuseBsdf {
 }
 
 impl DiffuseBsdf {
+    /// Both normals are on the side that reflects.
+    #[inline(always)]
+    pub fn new(ns: Vec3, ng: Vec3, reflectance: Rgb) -> Self {
+        Self { ns, ng, reflectance }
+    }
+
+    /// The shading normal on the side that reflects.
+    #[inline(always)]
+    pub fn ns(&self) -> Vec3 {
+        self.ns
+    }
+
+    /// The geometric normal on the side that reflects.
+    #[inline(always)]
+    pub fn ng(&self) -> Vec3 {
+        self.ng
+    }
+
+    /// Share of the light that is reflected, by channel.
+    #[inline(always)]
+    pub fn reflectance(&self) -> Rgb {
+        self.reflectance
+    }
+
     /// Cosine of `wi` if both directions are above both normals, else 0.
     #[inline(always)]
     fn cosine(&self, wo: Vec3, wi: Vec3) -> f32 {
@@ -74,8 +98,9 @@ impl DiffuseBsdf {
         self.cosine(wo, wi) * INV_PI
     }
 
+    /// As [`Bsdf::sample`](super::Bsdf::sample).
     #[inline(always)]
-    pub(super) fn sample(&self, wo: Vec3, u: Vec2, mode: Mode) -> Option<BsdfSample> {
+    pub fn sample(&self, wo: Vec3, u: Vec2, mode: Mode) -> Option<BsdfSample> {
         let wi = Frame::from_normal(self.ns).to_world(warp::cosine_hemisphere(u));
         let cos = self.cosine(wo, wi);
         (cos > 0.0).then(|| BsdfSample {

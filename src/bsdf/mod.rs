@@ -29,6 +29,7 @@ mod survey;
 mod tests;
 
 pub use check::{MaterialError, check, may_have};
+pub use diffuse::DiffuseBsdf;
 pub use evaluate::evaluate;
 pub use fresnel::{Fresnel, Ior, diffuse_reflectance, fresnel_conductor};
 pub use ior::{IOR_NAMES, ior_by_name};

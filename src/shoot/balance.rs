@@ -20,6 +20,7 @@ pub struct EnergyBalance {
 }
 
 impl EnergyBalance {
+    #[inline(always)]
     pub(super) fn add(sum: &mut [f64; 3], power: Rgb) {
         for (s, p) in sum.iter_mut().zip(power.to_array()) {
             *s += p as f64;

@@ -2,6 +2,7 @@
 
 mod balance;
 mod guide;
+mod lanes;
 #[cfg(test)]
 mod tests;
 mod walk;

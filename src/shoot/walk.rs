@@ -4,11 +4,12 @@ use std::ops::Range;
 
 use arrayvec::ArrayVec;
 
+use super::lanes::Lanes;
 use super::{EnergyBalance, Guide};
-use crate::bsdf::{LobeMask, Mode};
+use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, SurfaceInteraction};
-use crate::math::Vec2;
+use crate::math::{Vec2, Vec3};
 use crate::photon::{Photon, PhotonClass, PhotonRecord};
 use crate::sample::{Key, Purpose, Sampler, Sequence, hash_u64};
 use crate::scene::Scene;
@@ -68,7 +69,7 @@ const LOSSLESS: f32 = 1.0 - 4.0 * f32::EPSILON;
 /// Equal to `kept`, so that weights stay as they are. A path that is trapped without loss would never end: it is let go at
 /// most 65 536 edges on average after its first 4096. That must not happen to one that loses a little: ended more often than
 /// it loses, its weight would grow without bound, and with it the variance where albedos exceed 1 − 2⁻¹⁷.
-#[inline]
+#[inline(always)]
 pub fn survival(kept: f32, depth: u32, rr_depth: u32) -> f32 {
     if depth >= MANY_EDGES && kept >= LOSSLESS {
         CERTAIN_SURVIVAL
@@ -90,23 +91,59 @@ pub struct Start {
 }
 
 /// Photons under way at a time in [`Deposit::trace_all`].
-const WAVE: usize = 32;
+pub(super) const WAVE: usize = 32;
+
+/// Triangles that fit into the caches with all that is known about them.
+const NEAR_TRIANGLES: u64 = 1 << 15;
 
 /// A photon under way.
-#[derive(Clone, Debug)]
-struct Flight {
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Flight {
     ray: Ray,
-    flux: Rgb,
-    sampler: Sampler,
+    pub flux: Rgb,
+    pub sampler: Sampler,
     /// Its path: the number, and the key of its random bits.
     index: u64,
     path: Key,
     /// Surfaces met.
-    depth: u32,
+    pub depth: u32,
     /// Whether all of them were specular.
     specular_chain: bool,
     /// Whether one was diffuse or glossy.
     scattered: bool,
+}
+
+/// What a stored photon tells about its path, and random bits to round its power with.
+pub(super) struct Stamp {
+    pub class: PhotonClass,
+    pub mark: bool,
+    pub bits: u64,
+}
+
+impl Flight {
+    /// Not under way.
+    fn none(sequence: Sequence, key: Key) -> Self {
+        Self {
+            ray: Ray::new(Vec3::ZERO, Vec3::Z),
+            flux: Rgb::BLACK,
+            sampler: Sampler::new(sequence, key, 0),
+            index: 0,
+            path: key,
+            depth: 0,
+            specular_chain: true,
+            scattered: false,
+        }
+    }
+
+    #[inline(always)]
+    pub fn stamp(&self) -> Stamp {
+        let bits = hash_u64(self.path.0, self.depth as u64);
+        Stamp {
+            class: if self.specular_chain && self.depth > 1 { PhotonClass::Caustic } else { PhotonClass::Global },
+            mark: !self.scattered,
+            bits: hash_u64(bits, Purpose::Quantize as u64),
+        }
+    }
 }
 
 /// The photons and tallies of one batch of paths.
@@ -140,12 +177,11 @@ impl Deposit {
 
     /// Follows photon path `index` from its light to its end. Returns where it started, if it did.
     pub fn trace(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, index: u64) -> Option<Start> {
-        let (start, mut flight) = self.emit(scene, guide, key, index)?;
-        while let Some(f) = &mut flight {
-            let hit = scene.hit(&mut f.ray);
-            if !self.land(scene, f, hit) {
-                break;
-            }
+        let mut flight = Flight::none(self.walk.sequence, key);
+        let (start, mut flies) = self.emit(scene, guide, key, index, &mut flight)?;
+        while flies {
+            let hit = scene.hit(&mut flight.ray);
+            flies = self.land(scene, &mut flight, hit);
         }
         Some(start)
     }
@@ -158,44 +194,70 @@ impl Deposit {
     pub fn trace_all(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) {
         let first = indices.start;
         let mut waiting = indices.clone();
-        let mut wave: ArrayVec<Flight, WAVE> = ArrayVec::new();
+        let (mut wave, mut len) = ([Flight::none(self.walk.sequence, key); WAVE], WAVE);
+        let mut hits = [None; WAVE];
+        let mut lanes = Lanes::new(self.walk.rr_depth);
+        let far = scene.stats.triangles > NEAR_TRIANGLES;
         // By photon: which path stored it.
         let (before, mut owners) = (self.photons.len(), Vec::new());
+        let mut ended: ArrayVec<usize, WAVE> = (0..WAVE).rev().collect();
         loop {
-            while !wave.is_full() {
+            // Let a photon start in the place of each that has ended; close the gaps when there are no more.
+            while let Some(&slot) = ended.last() {
                 let Some(index) = waiting.next() else { break };
-                if let Some((_, Some(flight))) = self.emit(scene, guide, key, index) {
-                    wave.push(flight);
+                if let Some((_, true)) = self.emit(scene, guide, key, index, &mut wave[slot]) {
+                    ended.pop();
                 }
             }
-            if wave.is_empty() {
+            ended.sort_unstable();
+            while let Some(slot) = ended.pop() {
+                len -= 1;
+                wave[slot] = wave[len];
+            }
+            if len == 0 {
                 break;
             }
-            let mut hits = [None; WAVE];
-            for (flight, hit) in wave.iter_mut().zip(&mut hits) {
+            for (flight, hit) in wave[..len].iter_mut().zip(&mut hits) {
                 *hit = scene.hit(&mut flight.ray);
             }
-            scene.geometry.touch(&hits[..wave.len()]);
-            let mut kept = 0;
-            for i in 0..wave.len() {
-                let flight = &mut wave[i];
-                let goes_on = self.land(scene, flight, hits[i]);
-                owners.resize(self.photons.len() - before, (flight.index - first) as u32);
-                if goes_on {
-                    if kept != i {
-                        wave.swap(kept, i);
-                    }
-                    kept += 1;
+            if far {
+                scene.geometry.touch(&hits[..len]);
+            }
+            for (slot, (flight, hit)) in wave[..len].iter_mut().zip(&hits).enumerate() {
+                if !self.land_in(scene, flight, hit.as_ref(), slot, &mut lanes) {
+                    ended.push(slot);
+                }
+                if self.photons.len() - before > owners.len() {
+                    owners.push((flight.index - first) as u32);
                 }
             }
-            wave.truncate(kept);
+            lanes.run();
+            for i in 0..lanes.len() {
+                let (slot, stored) = (lanes.slot(i), self.photons.len());
+                if !self.take_off(&mut wave[slot], &lanes, i) {
+                    ended.push(slot);
+                }
+                if self.photons.len() > stored {
+                    owners.push((wave[slot].index - first) as u32);
+                }
+            }
+            lanes.clear();
         }
+        lanes.add_to(&mut self.balance);
         sort_by_owner(&mut self.photons[before..], &owners, (indices.end - first) as usize);
     }
 
-    /// Starts photon path `index`: where, and its photon on its way unless it carries nothing.
-    #[inline]
-    fn emit(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, index: u64) -> Option<(Start, Option<Flight>)> {
+    /// Starts photon path `index` into `flight`: where, and whether its photon is on its way, which one that carries nothing
+    /// is not.
+    #[inline(always)]
+    fn emit(
+        &mut self,
+        scene: &Scene,
+        guide: Option<&Guide>,
+        key: Key,
+        index: u64,
+        flight: &mut Flight,
+    ) -> Option<(Start, bool)> {
         let mut sampler = Sampler::new(self.walk.sequence, key, index);
         // Emit from a light chosen at random.
         let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
@@ -213,45 +275,103 @@ impl Deposit {
             return None;
         }
         if flux.is_black() {
-            return Some((start, None));
+            return Some((start, false));
         }
         EnergyBalance::add(&mut self.balance.emitted, flux);
-        let ray = scene.from_light(le.ray);
-        let flight = Flight {
-            ray,
-            flux,
-            sampler,
-            index,
-            path: key.with(index),
-            depth: 0,
-            specular_chain: true,
-            scattered: false,
-        };
-        Some((start, Some(flight)))
+        flight.ray = scene.from_light(le.ray);
+        flight.flux = flux;
+        flight.sampler = sampler;
+        (flight.index, flight.path, flight.depth) = (index, key.with(index), 0);
+        (flight.specular_chain, flight.scattered) = (true, false);
+        Some((start, true))
     }
 
     /// Stores and scatters a photon where its ray has ended. False when its path ends there.
-    #[inline]
+    #[inline(always)]
     fn land(&mut self, scene: &Scene, flight: &mut Flight, hit: Option<Hit>) -> bool {
         self.counters.photon_rays += 1;
-        let before = flight.flux;
         let Some(hit) = hit else {
-            EnergyBalance::add(&mut self.balance.escaped, before);
+            EnergyBalance::add(&mut self.balance.escaped, flight.flux);
             return false;
         };
         let si = scene.interaction(&flight.ray, &hit);
         flight.depth += 1;
-        // Store it where the surface has lobes that photons estimate.
+        self.scatter(flight, &si, &scene.bsdf(&si))
+    }
+
+    /// As [`Deposit::land`], but leaves diffuse surfaces to `lanes`, and to [`Deposit::take_off`] after them.
+    #[inline(always)]
+    fn land_in(
+        &mut self,
+        scene: &Scene,
+        flight: &mut Flight,
+        hit: Option<&Hit>,
+        slot: usize,
+        lanes: &mut Lanes,
+    ) -> bool {
+        self.counters.photon_rays += 1;
+        let Some(hit) = hit else {
+            EnergyBalance::add(&mut self.balance.escaped, flight.flux);
+            return false;
+        };
+        let si = scene.interaction(&flight.ray, hit);
+        flight.depth += 1;
         let bsdf = scene.bsdf(&si);
+        match bsdf {
+            Bsdf::Diffuse(diffuse) if self.target != Target::Caustic && !self.is_cut(flight) => {
+                flight.ray.inside = si.near;
+                lanes.push(slot, flight, &si, &diffuse);
+                true
+            }
+            // A copy, so that the other case needs nothing in memory.
+            _ => self.scatter(flight, &{ si }, &bsdf),
+        }
+    }
+
+    /// Stores and sends on a photon from `lanes`. False when its path ends there.
+    #[inline(always)]
+    fn take_off(&mut self, flight: &mut Flight, lanes: &Lanes, i: usize) -> bool {
+        if self.wants(flight) {
+            match lanes.photon(i) {
+                Some((photon, power)) => {
+                    self.stored_power += power as f64;
+                    self.photons.push(photon);
+                }
+                None => self.rejected += 1,
+            }
+        }
+        let fate = lanes.fate(i);
+        self.rejected += fate.is_not_finite() as u64;
+        if fate.played() {
+            flight.sampler.next_1d();
+        }
+        let (o, d, flux) = lanes.next(i);
+        flight.ray = Ray { inside: flight.ray.inside, ..Ray::new(o, d) };
+        flight.flux = flux;
+        (flight.specular_chain, flight.scattered) = (false, true);
+        fate.goes_on()
+    }
+
+    /// Whether a path has its full length.
+    #[inline(always)]
+    fn is_cut(&self, flight: &Flight) -> bool {
+        self.walk.max_depth.is_some_and(|d| flight.depth >= d)
+    }
+
+    /// Stores and scatters a photon at a surface. False when its path ends there.
+    #[inline(never)]
+    fn scatter(&mut self, flight: &mut Flight, si: &SurfaceInteraction, bsdf: &Bsdf) -> bool {
+        let before = flight.flux;
+        // Store it where the surface has lobes that photons estimate.
         let lobes = bsdf.lobes();
         if lobes.intersects(LobeMask::SMOOTH_WIDE) && self.wants(flight) {
-            self.store(&si, flight);
+            self.store(si, flight);
         }
         if self.target == Target::Caustic && !lobes.intersects(LobeMask::SPECULAR) {
             EnergyBalance::add(&mut self.balance.absorbed, before);
             return false;
         }
-        if self.walk.max_depth.is_some_and(|d| flight.depth >= d) {
+        if self.is_cut(flight) {
             EnergyBalance::add(&mut self.balance.cut, before);
             return false;
         }
@@ -303,18 +423,10 @@ impl Deposit {
 
     #[inline]
     fn store(&mut self, si: &SurfaceInteraction, flight: &Flight) {
-        let Flight { flux: power, depth, specular_chain, scattered, path, .. } = *flight;
-        let record = PhotonRecord {
-            p: si.p,
-            power,
-            wi: si.wo,
-            side: si.wo.dot(si.ng) > 0.0,
-            normal: si.ng,
-            class: if specular_chain && depth > 1 { PhotonClass::Caustic } else { PhotonClass::Global },
-            mark: !scattered,
-        };
-        let bits = hash_u64(path.0, depth as u64);
-        match Photon::pack(&record, hash_u64(bits, Purpose::Quantize as u64)) {
+        let (power, Stamp { class, mark, bits }) = (flight.flux, flight.stamp());
+        let side = si.wo.dot(si.ng) > 0.0;
+        let record = PhotonRecord { p: si.p, power, wi: si.wo, side, normal: si.ng, class, mark };
+        match Photon::pack(&record, bits) {
             Ok(photon) => {
                 self.stored_power += power.max_channel() as f64;
                 self.photons.push(photon);
