@@ -217,6 +217,43 @@ const CASES: &[Case] = &[
         1,
         &["a second environment light", "at most one"],
     ),
+    (
+        "<emitter type=\"point\"><float name=\"photon_share\" value=\"-0.1\"/></emitter>",
+        2,
+        24,
+        &["\"photon_share\" is -0.1", "between 0 and 1"],
+    ),
+    (
+        "<emitter type=\"point\"><float name=\"photon_share\" value=\"0.6\"/></emitter>\n\
+         <emitter type=\"point\"><float name=\"photon_share\" value=\"0.5\"/></emitter>",
+        1,
+        1,
+        &["a \"photon_share\" of 1.1 together", "must add up to 1 at most"],
+    ),
+    (
+        "<emitter type=\"point\"><float name=\"photon_share\" value=\"1\"/></emitter>\n<emitter type=\"constant\"/>",
+        1,
+        1,
+        &["leaves no photons for 1 other lights", "of 0"],
+    ),
+    (
+        "<emitter type=\"point\"><float name=\"photon_part\" value=\"1\"/></emitter>",
+        2,
+        24,
+        &["has no parameter \"photon_part\"", "photon_share"],
+    ),
+    (
+        "<shape type=\"cube\"><float name=\"photon_target\" value=\"-1\"/></shape>",
+        2,
+        20,
+        &["\"photon_target\" is -1", "between 0 (no photons are aimed at the shape) and 1e6"],
+    ),
+    (
+        "<shape type=\"cube\"><string name=\"photon_target\" value=\"much\"/></shape>",
+        2,
+        20,
+        &["\"photon_target\" is a string", "needs a number"],
+    ),
     ("<emitter type=\"sunsky\"/>", 2, 1, &["the emitter plugin \"sunsky\" is not yet supported", "supported are"]),
     (
         "<shape type=\"cube\">\n <medium type=\"homogeneous\" name=\"interior\"/></shape>",

@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use super::args::InfoArgs;
-use super::{CliError, bytes, human, print};
+use super::{CliError, MOST_AIMED, bytes, human, print};
 use crate::render::{Forecast, Plan, PlanOverrides};
-use crate::scene::{Item, Needs};
+use crate::scene::{Item, Needs, PhotonShare, PhotonTarget};
 
 #[derive(Serialize)]
 struct Info {
@@ -31,6 +31,9 @@ struct Info {
     unplaced_groups: u64,
     /// Bytes of texture coordinates and vertex normals that nothing depends on.
     left_out_memory: u64,
+    /// What the scene file says of photons.
+    photon_shares: Vec<PhotonShare>,
+    photon_targets: Vec<PhotonTarget>,
     /// What rendering it as planned will take.
     forecast: Option<Forecast>,
     /// What rendering it needs, and why.
@@ -74,6 +77,8 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
         unused: scene.stats.unused,
         unplaced_groups: scene.stats.unplaced_groups,
         left_out_memory: scene.stats.left_out_bytes,
+        photon_shares: scene.photon_aims.shares().to_vec(),
+        photon_targets: scene.photon_aims.targets().to_vec(),
         forecast,
         needs,
         idle_needs,
@@ -102,6 +107,12 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
         bytes(info.accel_memory),
         bytes(info.texture_memory)
     ));
+    for s in info.photon_shares.iter().take(MOST_AIMED) {
+        print(&format!("photons     share {} to the {}", s.share, s.label));
+    }
+    for t in info.photon_targets.iter().take(MOST_AIMED) {
+        print(&format!("photons     importance {} to the {}", t.importance, t.label));
+    }
     if info.unused + info.unplaced_groups + info.left_out_memory > 0 {
         print(&format!(
             "left out    {} materials and textures, {} groups, {} of mesh data without a use",

@@ -29,6 +29,9 @@ use crate::image::ImageError;
 use crate::render::{CheckpointError, PlanError};
 use crate::scene::SceneError;
 
+/// Lights and shapes with wishes for photons that are told one by one.
+const MOST_AIMED: usize = 16;
+
 /// Exit code of bad usage and bad scenes.
 const BAD_INPUT: u8 = 2;
 /// Exit code of a run that failed.

@@ -8,12 +8,12 @@ use serde::Serialize;
 use super::args::{Aov, RenderArgs};
 use super::keep::Keeper;
 use super::progress::Reporter;
-use super::{CliError, INTERRUPTED, bytes, human, layers, print};
+use super::{CliError, INTERRUPTED, MOST_AIMED, bytes, human, layers, print};
 use crate::image::{Format, Image, WriteOptions};
 use crate::render::{
-    Checkpoint, Choice, ClampSummary, Control, Plan, PlanOverrides, Session, Summary, choose, render_from,
+    Checkpoint, Choice, ClampSummary, Control, MapSummary, Plan, PlanOverrides, Session, Summary, choose, render_from,
 };
-use crate::scene::Scene;
+use crate::scene::{PhotonAims, Scene};
 
 /// A run with more than this share of dropped samples has failed.
 const MAX_NON_FINITE: f64 = 1e-6;
@@ -227,6 +227,7 @@ fn print_summary(scene: &Scene, s: &Summary, seconds: f64, loaded: f64, outputs:
             m.rejected,
             m.energy_error
         ));
+        print_aimed(&scene.photon_aims, m);
     }
     print(&format!(
         "memory             {} geometry, {} ray queries, {} photons",
@@ -243,6 +244,17 @@ fn print_summary(scene: &Scene, s: &Summary, seconds: f64, loaded: f64, outputs:
     print(&format!("dropped samples    {} NaN, {} infinite of {}", c.nan_samples, c.infinite_samples, c.samples));
     for path in outputs {
         print(&format!("wrote              {}", path.display()));
+    }
+}
+
+/// What lights and shapes got of a map's photons, where the scene file asks for something.
+fn print_aimed(aims: &PhotonAims, m: &MapSummary) {
+    let part = |n: Option<&u64>, of: u64| 100.0 * n.copied().unwrap_or(0) as f64 / of.max(1) as f64;
+    for (i, s) in aims.shares().iter().enumerate().take(MOST_AIMED) {
+        print(&format!("  {:.2} % of the paths from the {}", part(m.aimed.paths.get(i), m.emitted), s.label));
+    }
+    for (i, t) in aims.targets().iter().enumerate().take(MOST_AIMED) {
+        print(&format!("  {:.2} % of the photons by way of the {}", part(m.aimed.photons.get(i), m.stored), t.label));
     }
 }
 

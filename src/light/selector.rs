@@ -25,6 +25,16 @@ impl LightSelector {
         Self { cdf: Cdf::new(powers.into_iter().map(share)) }
     }
 
+    /// Lights with the probabilities `weights`, which need not add up to 1.
+    pub fn of(weights: impl IntoIterator<Item = f64>) -> Self {
+        Self { cdf: Cdf::new(weights) }
+    }
+
+    /// True when no light is ever picked.
+    pub fn is_dark(&self) -> bool {
+        self.cdf.total() <= 0.0
+    }
+
     /// Number of lights, dark ones included.
     pub fn len(&self) -> usize {
         self.cdf.len()

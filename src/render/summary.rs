@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::Plan;
 use crate::film::Film;
-use crate::shoot::{EnergyBalance, Shot, Target};
+use crate::shoot::{AimCounts, EnergyBalance, Shot, Target};
 use crate::tally::Counters;
 
 /// Seconds spent in one phase, all passes together.
@@ -24,6 +24,8 @@ pub struct MapSummary {
     pub rejected: u64,
     pub energy: EnergyBalance,
     pub energy_error: f64,
+    /// What the scene file asks to aim at, counted.
+    pub aimed: AimCounts,
 }
 
 /// What the firefly clamp did.
@@ -105,6 +107,7 @@ impl Summary {
         map.stored += shot.photons.len() as u64;
         map.rejected += shot.rejected;
         map.energy += shot.balance;
+        map.aimed += &shot.aimed;
         map.energy_error = map.energy.relative_error();
     }
 }

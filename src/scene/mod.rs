@@ -3,6 +3,7 @@
 //! [`xml`] turns Mitsuba's XML language into a typed tree with source positions; `load` gives the tree its meaning;
 //! [`mesh_io`] reads mesh files.
 
+mod aims;
 mod error;
 mod load;
 pub mod mesh_io;
@@ -14,6 +15,7 @@ mod scene;
 mod settings;
 pub mod xml;
 
+pub use aims::{PhotonAims, PhotonShare, PhotonTarget};
 pub use error::{Position, SceneError};
 pub use load::ToScene;
 pub use needs::{Item, Need, NeedOverride, Needs};

@@ -6,7 +6,7 @@ use glam::Vec3;
 use super::load::{self, ToScene};
 use super::nested::Nested;
 use super::xml::{Document, ParseOptions};
-use super::{FilmSettings, IntegratorSettings, NeedOverride, SamplerSettings, SceneError};
+use super::{FilmSettings, IntegratorSettings, NeedOverride, PhotonAims, SamplerSettings, SceneError};
 use crate::accel::{Accel, AccelKind, AccelOptions};
 use crate::bsdf::{self, Bsdf, LobeMask, Material, MaterialId};
 use crate::camera::Camera;
@@ -72,6 +72,10 @@ pub struct Scene {
     pub environment: Option<u32>,
     /// Picks lights by their power.
     pub selector: LightSelector,
+    /// Picks the lights that emit photons and light paths; as `selector` where the scene file says nothing of their shares.
+    pub photon_selector: LightSelector,
+    /// What the scene file says of photons.
+    pub photon_aims: PhotonAims,
     /// Where lights are near in relation to their size.
     pub near_lights: NearLights,
     pub camera: Camera,

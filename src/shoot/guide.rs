@@ -6,6 +6,9 @@
 //! final density is proportional to the root of the mean square of that, which makes the variance least. A fixed share stays
 //! uniform [Grittmann et al. 2018], so that no power is ever out of proportion, and every path is divided by its density:
 //! aiming changes the noise and not the mean.
+//!
+//! A scene file may weigh what is deposited by the importance of the shape that its path meets first (`photon_target`), and
+//! fix the probability of a light (`photon_share`).
 
 use rayon::prelude::*;
 
@@ -114,7 +117,7 @@ impl Guide {
         let mut guide = Self { resolution, lights: Cdf::default(), positions: Vec::new(), directions: Vec::new() };
         let mut masses = Vec::with_capacity(scene.lights.len());
         for (light, weights) in weights.chunks(cells).enumerate() {
-            let uniform = share * scene.selector.pmf(light) as f64 / cells as f64;
+            let uniform = share * scene.photon_selector.pmf(light) as f64 / cells as f64;
             let mut by_position = Vec::with_capacity(resolution.positions());
             for weights in weights.chunks(resolution.directions()) {
                 let densities: Vec<f64> = weights.iter().map(|w| uniform + w * scale).collect();
@@ -131,7 +134,7 @@ impl Guide {
             guide.positions.push(Distribution2d::new(resolution.position, resolution.position, &grid));
             masses.push(mass);
         }
-        guide.lights = Cdf::new(masses);
+        guide.lights = Cdf::new(scene.photon_aims.divide(masses));
         guide
     }
 
@@ -204,16 +207,17 @@ fn lift_dim_lights(weights: &mut [f64], cells: usize) {
     }
 }
 
-/// For each cell, the power of its light if a ray of the cell passes near a specular surface, else 0.
+/// For each cell, the power of its light times the importance of the specular surface that a ray of the cell passes near;
+/// 0 where there is none.
 fn projection_map(scene: &Scene, resolution: Resolution) -> Vec<f64> {
     let casters = casters(scene);
     let context = scene.light_context();
     let mut map = vec![0.0; scene.lights.len() * resolution.cells()];
     map.par_chunks_mut(resolution.directions()).enumerate().for_each(|(grid, cells)| {
         let (light, position) = (grid / resolution.positions(), grid % resolution.positions());
-        let pmf = scene.selector.pmf(light) as f64;
+        let pmf = scene.photon_selector.pmf(light) as f64;
         for (direction, cell) in cells.iter_mut().enumerate() {
-            let hits = (0..PROBES).any(|probe| {
+            let met = |probe| {
                 let hash = hash_u64((grid * resolution.directions() + direction) as u64, probe);
                 let within = |index: usize, n: usize, bits: u64| {
                     let jitter = |b: u64| (b & 0xffff) as f32 / 65536.0;
@@ -222,36 +226,53 @@ fn projection_map(scene: &Scene, resolution: Resolution) -> Vec<f64> {
                 };
                 let u_pos = within(position, resolution.position, hash);
                 let u_dir = within(direction, resolution.direction, hash >> 32);
-                let Some(le) = scene.lights[light].sample_le(&context, u_pos, u_dir) else { return false };
-                casters.iter().any(|&(centre, radius)| passes_near(le.ray.o, le.ray.d, centre, radius))
-            });
-            if hits {
-                *cell = pmf;
-            }
+                let Some(le) = scene.lights[light].sample_le(&context, u_pos, u_dir) else { return 0.0 };
+                let near = casters.iter().filter(|c| passes_near(le.ray.o, le.ray.d, c));
+                near.map(|c| c.importance).fold(0.0, f32::max)
+            };
+            *cell = pmf * (0..PROBES).map(met).fold(0.0, f32::max) as f64;
         }
     });
     map
 }
 
 /// Whether a ray comes within a sphere that is wider by an eighth.
-fn passes_near(o: Vec3, d: Vec3, centre: Vec3, radius: f32) -> bool {
-    let to = centre - o;
-    let reach = 1.125 * radius;
+fn passes_near(o: Vec3, d: Vec3, caster: &Caster) -> bool {
+    let to = caster.centre - o;
+    let reach = 1.125 * caster.radius;
     let along = to.dot(d);
     to.length_squared() <= reach * reach || (along > 0.0 && to.length_squared() - along * along <= reach * reach)
 }
 
-/// Spheres around the specular shapes; around all of them where they are too many to tell apart.
-fn casters(scene: &Scene) -> Vec<(Vec3, f32)> {
+/// A sphere around a specular shape, and how important it is to aim at it.
+struct Caster {
+    centre: Vec3,
+    radius: f32,
+    importance: f32,
+}
+
+/// Spheres around the specular shapes that photons are to be aimed at; around all of them where they are too many to tell
+/// apart.
+fn casters(scene: &Scene) -> Vec<Caster> {
     let geometry = &scene.geometry;
-    let focuses = |shape: u32| {
-        may_have(&scene.materials, scene.shape_materials[shape as usize], LobeMask::DELTA | LobeMask::SHARP)
+    let importance = |shape: u32| {
+        let focuses =
+            may_have(&scene.materials, scene.shape_materials[shape as usize], LobeMask::DELTA | LobeMask::SHARP);
+        if focuses { scene.photon_aims.importance(shape) } else { 0.0 }
     };
-    let top = geometry.top.iter().copied().filter(|&s| focuses(s)).map(|s| geometry.shape_bounds(s));
-    let groups: Vec<bool> = geometry.groups.iter().map(|g| g.iter().any(|&s| focuses(s))).collect();
-    let placed = geometry.instances.iter().filter(|i| groups[i.group as usize]);
-    let placed = placed.map(|i| i.bounds(&geometry.group_bounds(i.group)));
-    let spheres: Vec<(Vec3, f32)> =
-        top.chain(placed).filter(|b| !b.is_empty()).map(|b| (b.center(), 0.5 * (b.max - b.min).length())).collect();
-    if spheres.len() > MAX_CASTERS { vec![scene.bounding_sphere()] } else { spheres }
+    let top = geometry.top.iter().map(|&s| (geometry.shape_bounds(s), importance(s)));
+    let groups: Vec<f32> =
+        geometry.groups.iter().map(|g| g.iter().map(|&s| importance(s)).fold(0.0, f32::max)).collect();
+    let placed = geometry.instances.iter().filter(|i| groups[i.group as usize] > 0.0);
+    let placed = placed.map(|i| (i.bounds(&geometry.group_bounds(i.group)), groups[i.group as usize]));
+    let spheres: Vec<Caster> = top
+        .chain(placed)
+        .filter(|(bounds, importance)| *importance > 0.0 && !bounds.is_empty())
+        .map(|(b, importance)| Caster { centre: b.center(), radius: 0.5 * (b.max - b.min).length(), importance })
+        .collect();
+    if spheres.len() <= MAX_CASTERS {
+        return spheres;
+    }
+    let (centre, radius) = scene.bounding_sphere();
+    vec![Caster { centre, radius, importance: 1.0 }]
 }

@@ -1,5 +1,6 @@
 //! Photon tracing: emit, walk, deposit, in ordered batches of a fixed number of paths.
 
+mod aimed;
 mod balance;
 mod guide;
 mod lanes;
@@ -7,6 +8,7 @@ mod lanes;
 mod tests;
 mod walk;
 
+pub use aimed::AimCounts;
 pub use balance::EnergyBalance;
 pub use guide::Guide;
 pub use walk::{Deposit, MANY_EDGES, Start, Target, WalkSettings, survival};
@@ -64,6 +66,7 @@ pub struct Shot {
     /// Photons that could not be stored because a value was not finite or out of range.
     pub rejected: u64,
     pub counters: Counters,
+    pub aimed: AimCounts,
 }
 
 /// Traces photons from all lights of `scene`.
@@ -77,7 +80,7 @@ pub fn shoot(scene: &Scene, settings: &ShootSettings) -> Shot {
 /// As [`shoot`] with what a pilot found out before: many passes over one scene share one pilot.
 pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emission: &Emission) -> Shot {
     let (emitted, guide) = (emission.paths, emission.guide.as_deref());
-    if emitted == 0 || scene.selector.is_empty() {
+    if emitted == 0 || scene.photon_selector.is_dark() {
         return Shot::default();
     }
     let key = Key::new(settings.seed, settings.target.purpose(), settings.pass);
@@ -100,13 +103,14 @@ pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emission: &Emission)
         shot.balance += deposit.balance;
         shot.rejected += deposit.rejected;
         shot.counters += deposit.counters;
+        shot.aimed += &deposit.aimed;
     }
     shot
 }
 
 /// Learns where to aim, if `settings` say so, and how many paths are expected to store `settings.photons` photons.
 pub fn plan_emission(scene: &Scene, settings: &ShootSettings) -> Emission {
-    if settings.photons == 0 || scene.selector.is_empty() {
+    if settings.photons == 0 || scene.photon_selector.is_dark() {
         return Emission::default();
     }
     let aims = settings.guided && settings.target == Target::Caustic;

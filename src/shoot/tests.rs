@@ -126,3 +126,74 @@ fn many_paths_at_a_time_store_what_each_stores_alone() {
         }
     }
 }
+
+/// Two scenes shine the same light on the same places: 6 seeds, four standard errors of the sum over all places.
+fn same_light(a: &Scene, b: &Scene, guided: bool, paths: u64) {
+    let seeds = 6;
+    let ((va, ma), (vb, mb)) = (spread(a, guided, paths, seeds), spread(b, guided, paths, seeds));
+    let (sum_a, sum_b): (f64, f64) = (ma.iter().sum(), mb.iter().sum());
+    let error = (64.0 * (va + vb) / seeds as f64).sqrt();
+    assert!(sum_a > 10.0 * error && (sum_a - sum_b).abs() < 4.0 * error, "{sum_a} and {sum_b}, standard error {error}");
+}
+
+/// Two lamps of which the scene file gives the weaker the share `share` of the photons, if any, over a glass sphere.
+fn two_lamps(share: Option<f32>) -> Scene {
+    let share = share.map_or(String::new(), |s| format!("<float name=\"photon_share\" value=\"{s}\"/>"));
+    let point = format!(
+        "<emitter type=\"point\"><point name=\"position\" x=\"0.6\" y=\"1.5\" z=\"0.3\"/>\
+         <rgb name=\"intensity\" value=\"0.1\"/>{share}</emitter>"
+    );
+    scene(&format!("{FLOOR}{LAMP}{point}{}", glass(0.3, 0.5, 0.35)))
+}
+
+#[test]
+fn lights_emit_their_shares_of_the_photons_and_no_more_light() {
+    let (plain, shared) = (two_lamps(None), two_lamps(Some(0.8)));
+    for (target, guided) in [(Target::Caustic, false), (Target::Caustic, true), (Target::Global, false)] {
+        let shot = shoot(&shared, &ShootSettings { target, ..settings(3, guided, 40_000) });
+        let paths = shot.aimed.paths[0] as f64;
+        // Five standard deviations of a binomial count.
+        let deviation = (40_000.0 * 0.8 * 0.2f64).sqrt();
+        assert!((paths - 32_000.0).abs() < 5.0 * deviation, "{target:?}: {paths} of 40000 paths");
+    }
+    same_light(&plain, &shared, false, 16_384);
+    same_light(&plain, &shared, true, 8192);
+}
+
+#[test]
+fn a_light_without_photons_is_told() {
+    let dark = two_lamps(Some(0.0));
+    assert!(dark.warnings.iter().any(|w| w.contains("the light emits no photons")), "{:?}", dark.warnings);
+    assert!(shoot(&dark, &settings(1, true, 8192)).aimed.paths.is_empty());
+    // With no other light there is nothing to shoot.
+    let alone = "<emitter type=\"point\"><float name=\"photon_share\" value=\"0\"/></emitter>";
+    let shot = shoot(&scene(&format!("{FLOOR}{alone}")), &settings(1, true, 8192));
+    assert_eq!((shot.emitted, shot.photons.len()), (0, 0));
+}
+
+#[test]
+fn more_photons_take_the_way_of_a_target_and_bring_no_more_light() {
+    let two = |first: &str, second: &str| {
+        let add = |sphere: String, target: &str| match target {
+            "" => sphere,
+            t => sphere.replace("<bsdf", &format!("<float name=\"photon_target\" value=\"{t}\"/><bsdf")),
+        };
+        scene(&format!("{FLOOR}{LAMP}{}{}", add(glass(0.7, 0.4, 0.3), first), add(glass(-0.7, 0.4, 0.3), second)))
+    };
+    let shares = |scene: &Scene| {
+        let shot = shoot(scene, &settings(3, true, 40_000));
+        let found = &shot.aimed.photons;
+        [0, 1].map(|i| found.get(i).copied().unwrap_or(0) as f64 / shot.photons.len() as f64)
+    };
+    let (even, uneven) = (two("1", "1"), two("8", "1"));
+    let ([a, b], [c, d]) = (shares(&even), shares(&uneven));
+    assert!((a - b).abs() < 0.1 && a + b > 0.9, "{a} {b}");
+    assert!(c > 0.7 && c > 4.0 * d, "{c} {d}");
+    // What is not aimed at is still met by chance.
+    let [e, f] = shares(&two("0", "1"));
+    assert!(e > 0.0 && e < 0.3 * f, "{e} {f}");
+    let plain = two("", "");
+    assert_eq!(shoot(&even, &settings(1, true, 8192)).photons, shoot(&plain, &settings(1, true, 8192)).photons);
+    same_light(&plain, &uneven, true, 8192);
+    same_light(&plain, &two("0", "1"), true, 8192);
+}

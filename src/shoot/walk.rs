@@ -5,7 +5,7 @@ use std::ops::Range;
 use arrayvec::ArrayVec;
 
 use super::lanes::Lanes;
-use super::{EnergyBalance, Guide};
+use super::{AimCounts, EnergyBalance, Guide};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, SurfaceInteraction};
@@ -105,6 +105,8 @@ pub(super) struct Flight {
     /// Its path: the number, and the key of its random bits.
     index: u64,
     path: Key,
+    /// The shape met first.
+    first: u32,
     /// Surfaces met.
     pub depth: u32,
     /// Whether all of them were specular.
@@ -129,10 +131,20 @@ impl Flight {
             sampler: Sampler::new(sequence, key, 0),
             index: 0,
             path: key,
+            first: u32::MAX,
             depth: 0,
             specular_chain: true,
             scattered: false,
         }
+    }
+
+    /// Counts a surface.
+    #[inline(always)]
+    fn meet(&mut self, shape: u32) {
+        if self.depth == 0 {
+            self.first = shape;
+        }
+        self.depth += 1;
     }
 
     #[inline(always)]
@@ -153,7 +165,10 @@ pub struct Deposit {
     pub balance: EnergyBalance,
     pub rejected: u64,
     pub counters: Counters,
-    /// Sum of the largest channels of the photons stored since it was last set to 0, W.
+    /// What the scene file asks to aim at, counted.
+    pub aimed: AimCounts,
+    /// Sum of the largest channels of the photons stored since it was last set to 0, W, each times the importance of the
+    /// shape that its path met first.
     pub(super) stored_power: f64,
     target: Target,
     walk: WalkSettings,
@@ -168,6 +183,7 @@ impl Deposit {
             balance: EnergyBalance::default(),
             rejected: 0,
             counters: Counters::default(),
+            aimed: AimCounts::default(),
             stored_power: 0.0,
             target,
             walk,
@@ -234,7 +250,7 @@ impl Deposit {
             lanes.run();
             for i in 0..lanes.len() {
                 let (slot, stored) = (lanes.slot(i), self.photons.len());
-                if !self.take_off(&mut wave[slot], &lanes, i) {
+                if !self.take_off(scene, &mut wave[slot], &lanes, i) {
                     ended.push(slot);
                 }
                 if self.photons.len() > stored {
@@ -264,10 +280,11 @@ impl Deposit {
         let start = match guide {
             Some(guide) => guide.start(u_light, u_pos, u_dir)?,
             None => {
-                let (light, pdf) = scene.selector.sample(u_light)?;
+                let (light, pdf) = scene.photon_selector.sample(u_light)?;
                 Start { light, u_pos, u_dir, pdf }
             }
         };
+        self.aimed.add_path(&scene.photon_aims, start.light);
         let le = scene.lights[start.light].sample_le(&scene.light_context(), start.u_pos, start.u_dir)?;
         let flux = le.weight * (self.inv_emitted / start.pdf);
         if !flux.is_finite() {
@@ -281,7 +298,7 @@ impl Deposit {
         flight.ray = scene.from_light(le.ray);
         flight.flux = flux;
         flight.sampler = sampler;
-        (flight.index, flight.path, flight.depth) = (index, key.with(index), 0);
+        (flight.index, flight.path, flight.first, flight.depth) = (index, key.with(index), u32::MAX, 0);
         (flight.specular_chain, flight.scattered) = (true, false);
         Some((start, true))
     }
@@ -295,8 +312,8 @@ impl Deposit {
             return false;
         };
         let si = scene.interaction(&flight.ray, &hit);
-        flight.depth += 1;
-        self.scatter(flight, &si, &scene.bsdf(&si))
+        flight.meet(si.shape);
+        self.scatter(scene, flight, &si, &scene.bsdf(&si))
     }
 
     /// As [`Deposit::land`], but leaves diffuse surfaces to `lanes`, and to [`Deposit::take_off`] after them.
@@ -315,7 +332,7 @@ impl Deposit {
             return false;
         };
         let si = scene.interaction(&flight.ray, hit);
-        flight.depth += 1;
+        flight.meet(si.shape);
         let bsdf = scene.bsdf(&si);
         match bsdf {
             Bsdf::Diffuse(diffuse) if self.target != Target::Caustic && !self.is_cut(flight) => {
@@ -324,19 +341,16 @@ impl Deposit {
                 true
             }
             // A copy, so that the other case needs nothing in memory.
-            _ => self.scatter(flight, &{ si }, &bsdf),
+            _ => self.scatter(scene, flight, &{ si }, &bsdf),
         }
     }
 
     /// Stores and sends on a photon from `lanes`. False when its path ends there.
     #[inline(always)]
-    fn take_off(&mut self, flight: &mut Flight, lanes: &Lanes, i: usize) -> bool {
+    fn take_off(&mut self, scene: &Scene, flight: &mut Flight, lanes: &Lanes, i: usize) -> bool {
         if self.wants(flight) {
             match lanes.photon(i) {
-                Some((photon, power)) => {
-                    self.stored_power += power as f64;
-                    self.photons.push(photon);
-                }
+                Some((photon, power)) => self.keep(scene, photon, power, flight.first),
                 None => self.rejected += 1,
             }
         }
@@ -360,12 +374,12 @@ impl Deposit {
 
     /// Stores and scatters a photon at a surface. False when its path ends there.
     #[inline(never)]
-    fn scatter(&mut self, flight: &mut Flight, si: &SurfaceInteraction, bsdf: &Bsdf) -> bool {
+    fn scatter(&mut self, scene: &Scene, flight: &mut Flight, si: &SurfaceInteraction, bsdf: &Bsdf) -> bool {
         let before = flight.flux;
         // Store it where the surface has lobes that photons estimate.
         let lobes = bsdf.lobes();
         if lobes.intersects(LobeMask::SMOOTH_WIDE) && self.wants(flight) {
-            self.store(si, flight);
+            self.store(scene, si, flight);
         }
         if self.target == Target::Caustic && !lobes.intersects(LobeMask::SPECULAR) {
             EnergyBalance::add(&mut self.balance.absorbed, before);
@@ -422,17 +436,22 @@ impl Deposit {
     }
 
     #[inline]
-    fn store(&mut self, si: &SurfaceInteraction, flight: &Flight) {
+    fn store(&mut self, scene: &Scene, si: &SurfaceInteraction, flight: &Flight) {
         let (power, Stamp { class, mark, bits }) = (flight.flux, flight.stamp());
         let side = si.wo.dot(si.ng) > 0.0;
         let record = PhotonRecord { p: si.p, power, wi: si.wo, side, normal: si.ng, class, mark };
         match Photon::pack(&record, bits) {
-            Ok(photon) => {
-                self.stored_power += power.max_channel() as f64;
-                self.photons.push(photon);
-            }
+            Ok(photon) => self.keep(scene, photon, power.max_channel(), flight.first),
             Err(_) => self.rejected += 1,
         }
+    }
+
+    /// Takes a photon whose largest channel is `power` and whose path met the shape `first` first.
+    #[inline(always)]
+    fn keep(&mut self, scene: &Scene, photon: Photon, power: f32, first: u32) {
+        let importance = self.aimed.add_photon(&scene.photon_aims, first);
+        self.stored_power += (importance * power) as f64;
+        self.photons.push(photon);
     }
 }
 

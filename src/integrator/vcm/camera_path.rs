@@ -181,7 +181,7 @@ pub(super) fn escape_densities(scene: &Scene, from: Vec3, d: Vec3) -> (f64, f64)
     let Some(index) = scene.environment else { return (0.0, 0.0) };
     let light = &scene.lights[index as usize];
     let (pdf_a, pdf_w) = light.pdf_le(&scene.light_context(), from, -d, -d);
-    let emit = scene.selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64;
+    let emit = scene.photon_selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64;
     (scene.pdf_environment(from, d) as f64, emit)
 }
 
@@ -201,7 +201,7 @@ pub(super) fn hit_densities(scene: &Scene, si: &SurfaceInteraction, from: Vec3) 
     // Light sampling counts per area of the light here.
     let direct = scene.pdf_direct(from, si) as f64 * cosine(si, si.wo) / from.distance_squared(si.p) as f64;
     let (pdf_a, pdf_w) = scene.lights[index as usize].pdf_le_at(&scene.light_context(), si, si.wo);
-    (direct, scene.selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64)
+    (direct, scene.photon_selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64)
 }
 
 /// Next-event estimation: light from a sampled light, towards the vertex before.
@@ -230,12 +230,14 @@ pub(super) fn next_event_sums(recipe: &Recipe, v: &CameraVertex, index: usize, l
     let cos = cosine(v.si, li.wi);
     let (pdf_a, pdf_w) = light.pdf_le_li(&scene.light_context(), li);
     // Emission over light sampling, per area of the vertex.
-    let ratio = match (li.delta, li.dist.is_infinite()) {
-        (true, true) => pdf_a as f64 * cos,
-        (true, false) => pdf_w as f64 * cos / (li.dist as f64 * li.dist as f64),
-        (false, true) => pdf_a as f64 * pdf_w as f64 * cos / li.pdf_w as f64,
-        (false, false) => pdf_a as f64 * pdf_w as f64 * cos / (li.pdf_w as f64 * -li.n.dot(li.wi) as f64),
-    };
+    let ratio = scene.photon_selector.pmf(index) as f64 / pmf;
+    let ratio = ratio
+        * match (li.delta, li.dist.is_infinite()) {
+            (true, true) => pdf_a as f64 * cos,
+            (true, false) => pdf_w as f64 * cos / (li.dist as f64 * li.dist as f64),
+            (false, true) => pdf_a as f64 * pdf_w as f64 * cos / li.pdf_w as f64,
+            (false, false) => pdf_a as f64 * pdf_w as f64 * cos / (li.pdf_w as f64 * -li.n.dot(li.wi) as f64),
+        };
     let hit = if li.delta {
         0.0
     } else {

@@ -47,7 +47,7 @@ impl LightWalk {
     pub fn start(recipe: &Recipe, sampler: &mut Sampler) -> Option<Self> {
         let scene = recipe.scene;
         let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
-        let (light, pmf) = scene.selector.sample(u_light)?;
+        let (light, pmf) = scene.photon_selector.sample(u_light)?;
         let le = scene.lights[light].sample_le(&scene.light_context(), u_pos, u_dir)?;
         let beta = le.weight / pmf;
         (beta.is_finite() && !beta.is_black()).then_some(Self {
@@ -84,6 +84,8 @@ impl LightWalk {
         let (le, pmf) = (&self.le, self.light.1 as f64);
         let (pdf_a, pdf_w) = (le.pdf_a as f64, le.pdf_w as f64);
         let dist_sq = le.p.distance_squared(si.p) as f64;
+        // Light sampling may pick the light more or less often than emission does.
+        let picks = recipe.scene.selector.pmf(self.light.0) as f64 / pmf;
         let direct = recipe.scene.lights[self.light.0].pdf_li_le(si.p, le) as f64;
         let cos_light = if le.finite { le.n.dot(le.ray.d) as f64 } else { 1.0 };
         let (dvcm, dvc) = if le.delta_position {
@@ -93,7 +95,7 @@ impl LightWalk {
         } else {
             (direct * cos_light / (pdf_a * pdf_w), cos_light / (pmf * pdf_a * pdf_w))
         };
-        Mis { dvcm: dvcm / cos, dvc: recipe.connect * dvc / cos, pending: 0.0 }
+        Mis { dvcm: picks * dvcm / cos, dvc: recipe.connect * dvc / cos, pending: 0.0 }
     }
 
     /// The vertex just reached.

@@ -153,7 +153,7 @@ impl FullPath {
         let k = self.x.len() - 1;
         let mut d = Densities { light: vec![0.0; k], camera: vec![0.0; k], direct: 0.0 };
         let x = &self.x;
-        let pmf = scene.selector.pmf(self.light) as f64;
+        let (pmf, emits) = (scene.selector.pmf(self.light) as f64, scene.photon_selector.pmf(self.light) as f64);
         let radius = scene.bounding_sphere().1 as f64;
         let to_camera = |i: usize, w: Vec3| cos(x[i].n, w) / dist_sq(x[i].p, x[i + 1].p);
         let to_light = |i: usize, w: Vec3| cos(x[i].n, w) / dist_sq(x[i].p, x[i - 1].p);
@@ -162,7 +162,7 @@ impl FullPath {
         let mut infinite = false;
         match &scene.lights[self.light] {
             Light::Area(a) => {
-                d.light[0] = pmf / a.area();
+                d.light[0] = emits / a.area();
                 d.light[1] = cos_light / PI * to_light(1, self.dir[0]);
                 d.direct = match &scene.geometry.shapes[a.shape as usize] {
                     crate::geometry::Shape::Sphere(s) => {
@@ -170,19 +170,20 @@ impl FullPath {
                         let cone = 2.0 * PI * (1.0 - (1.0 - sin_sq).sqrt());
                         pmf / cone * to_camera(0, self.dir[0])
                     }
-                    _ => d.light[0],
+                    _ => pmf / a.area(),
                 };
             }
             Light::Point(_) => {
-                d.light[0] = pmf;
+                d.light[0] = emits;
                 d.light[1] = 0.25 / PI * to_light(1, self.dir[0]);
                 d.direct = pmf;
             }
             Light::Directional(_) | Light::Constant(_) => {
                 infinite = true;
-                d.light[0] = if scene.lights[self.light].is_delta() { pmf } else { pmf * 0.25 / PI };
+                let density = if scene.lights[self.light].is_delta() { 1.0 } else { 0.25 / PI };
+                d.light[0] = emits * density;
                 d.light[1] = cos(x[1].n, self.dir[0]) / (PI * radius * radius);
-                d.direct = d.light[0];
+                d.direct = pmf * density;
             }
             _ => unreachable!("not in these scenes"),
         }
@@ -609,6 +610,15 @@ fn weights_are_those_of_brute_force() {
 #[test]
 fn weights_are_those_of_brute_force_at_infinity() {
     check_all(&load("orthographic", DISTANT));
+}
+
+/// Light paths leave the lamps in other proportions than light sampling picks them.
+#[test]
+fn weights_are_those_of_brute_force_where_photons_are_shared_out() {
+    let share = r#"<float name="photon_share" value="0.55"/></emitter>"#;
+    let point = FINITE.rfind("</emitter>").expect("the point light is the last");
+    check_all(&load("perspective", &format!("{}{share}", &FINITE[..point])));
+    check_all(&load("orthographic", &DISTANT.replacen("</emitter>", share, 1)));
 }
 
 #[test]

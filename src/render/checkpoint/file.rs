@@ -12,7 +12,7 @@ use crate::tally::Counters;
 
 const MAGIC: [u8; 8] = *b"CAUSTCHK";
 /// Raised with every change of what the body holds.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const HEADER: usize = 8 + 4 + 32;
 
 impl Checkpoint {

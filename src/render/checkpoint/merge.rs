@@ -52,6 +52,7 @@ impl Checkpoint {
                     m.stored += map.stored;
                     m.rejected += map.rejected;
                     m.energy += map.energy;
+                    m.aimed += &map.aimed;
                     m.energy_error = m.energy.relative_error();
                 }
                 None => self.maps.push(map),

@@ -322,7 +322,8 @@ fn visit_map<C: Codec>(m: &mut MapSummary, c: &mut C) -> Result<(), Malformed> {
         part.iter_mut().try_for_each(|v| c.float(v))?;
     }
     m.energy_error = m.energy.relative_error();
-    Ok(())
+    c.list(&mut m.aimed.paths, 8, 0, |c, n| c.word(n))?;
+    c.list(&mut m.aimed.photons, 8, 0, |c, n| c.word(n))
 }
 
 /// Statistics of every pixel from the numbers of a checkpoint.

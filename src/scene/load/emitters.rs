@@ -28,6 +28,7 @@ impl<'d> Loader<'d> {
                 .help("only \"area\" belongs to a shape; move this one to the scene"));
         }
         let radiance = self.color_param(&q, "radiance", Rgb::WHITE, ColorUse::Emission)?;
+        photon_share(&q)?;
         q.ignore(&["sampling_weight"]);
         q.finish()?;
         Ok(radiance)
@@ -93,6 +94,7 @@ impl<'d> Loader<'d> {
             "projector" => self.projector(&q, to_scene, geometry)?,
             _ => return Err(q.unknown_plugin(&EMITTERS, &PLANNED)),
         };
+        photon_share(&q)?;
         q.ignore(&["sampling_weight"]);
         q.finish()?;
         Ok(light)
@@ -165,6 +167,16 @@ impl<'d> Loader<'d> {
         };
         let fov_x = super::sensors::fov_x(q, aspect)?;
         Ok(Light::Projector(Projector::new(geometry, &self.textures, &to_world, (fov_x, aspect), slide, scale)))
+    }
+}
+
+/// The share of the emitted photons that a light asks for.
+pub(super) fn photon_share(q: &Query) -> Result<Option<f64>, SceneError> {
+    match q.float("photon_share")? {
+        Some(v) if !(0.0..=1.0).contains(&v) => Err(q
+            .error_at("photon_share", format!("\"photon_share\" is {v}"))
+            .help("it must be between 0 and 1: the share of all photons that this light emits")),
+        v => Ok(v),
     }
 }
 

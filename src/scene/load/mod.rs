@@ -3,6 +3,7 @@
 mod bsdfs;
 mod emitters;
 mod integrators;
+mod photons;
 mod predict;
 mod sensors;
 mod shapes;

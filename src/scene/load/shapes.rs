@@ -34,6 +34,8 @@ pub(super) struct ShapeDesc<'d> {
     pub material: MaterialId,
     pub material_node: Option<NodeId>,
     pub emitter: Option<&'d Child>,
+    /// Importance as a target of caustic photons, where it is given.
+    pub photon_target: Option<f32>,
     pub pos: Position,
 }
 
@@ -97,8 +99,9 @@ impl<'d> Loader<'d> {
             Some(node) => self.material(node)?,
             None => self.default_material(),
         };
+        let photon_target = photon_target(&q)?;
         let (emitter, pos) = (q.child(Tag::Emitter)?, q.node().pos.clone());
-        let desc = ShapeDesc { source, to_world, material, material_node, emitter, pos };
+        let desc = ShapeDesc { source, to_world, material, material_node, emitter, photon_target, pos };
         q.finish()?;
         Ok(desc)
     }
@@ -228,6 +231,16 @@ impl ShapeDesc<'_> {
                 flip_normals,
             }),
         })
+    }
+}
+
+/// How important a shape is as a target of caustic photons.
+fn photon_target(q: &Query) -> Result<Option<f32>, SceneError> {
+    match q.float("photon_target")? {
+        Some(v) if !(0.0..=1e6).contains(&v) => Err(q
+            .error_at("photon_target", format!("\"photon_target\" is {v}"))
+            .help("it must be between 0 (no photons are aimed at the shape) and 1e6; other shapes have 1")),
+        v => Ok(v.map(|v| v as f32)),
     }
 }
 

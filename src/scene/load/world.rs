@@ -7,7 +7,9 @@ use glam::DVec3;
 
 use super::super::nested::Nested;
 use super::super::xml::{Child, Document, NodeId, Query, Tag};
-use super::super::{IntegratorSettings, LoadOptions, Position, Scene, SceneError, SceneStats};
+use super::super::{
+    IntegratorSettings, LoadOptions, PhotonAims, PhotonTarget, Position, Scene, SceneError, SceneStats,
+};
 use super::sensors::View;
 use super::shapes::{ShapeDesc, invertible};
 use super::{Keep, Loader, ToScene, integrators, not_yet};
@@ -66,6 +68,7 @@ struct Placed<'d> {
     set: GeometrySet,
     materials: Vec<MaterialId>,
     emitters: Vec<Option<&'d Child>>,
+    targets: Vec<PhotonTarget>,
 }
 
 /// What stands in a scene, its shapes read with all that they refer to.
@@ -108,7 +111,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
 
     // Lights on shapes first, then those that stand alone, both in the order of the file.
     let hides_emitters = integrator.boolean("hide_emitters") == Some(true);
-    let mut lights = Vec::new();
+    let (mut lights, mut shares) = (Vec::new(), Vec::new());
     let mut shape_lights = vec![None; geometry.shapes.len()];
     for (shape, emitter) in placed.emitters.iter().enumerate() {
         if let Some(child) = emitter {
@@ -119,6 +122,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
                 shape_lights[shape] = None;
                 continue;
             }
+            shares.extend(loader.photon_share(child, lights.len())?);
             lights.push(Light::Area(AreaLight::new(&geometry, &loader.textures, shape as u32, radiance)));
         }
     }
@@ -133,6 +137,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         if light.is_dark(&LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere }) {
             continue;
         }
+        shares.extend(loader.photon_share(child, lights.len())?);
         if light.is_environment() {
             environment = Some(lights.len() as u32);
         }
@@ -144,6 +149,8 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     let context = LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere };
     let selector = LightSelector::new(lights.iter().map(|l| l.power(&context)));
     let near_lights = NearLights::new(&lights, &context);
+    loader.check_shares(&shares, &selector)?;
+    let photon_aims = PhotonAims::new(lights.len(), geometry.shapes.len(), shares, placed.targets);
 
     let nested = Nested::of(&loader.materials, &placed.materials, &geometry).map_err(|count| {
         SceneError::at(&doc.node(doc.root()).pos, format!("{count} different dielectrics have a priority"))
@@ -157,6 +164,8 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         shape_lights,
         lights,
         environment,
+        photon_selector: photon_aims.selector(&selector),
+        photon_aims,
         selector,
         near_lights,
         camera: sensor.camera,
@@ -337,6 +346,7 @@ impl<'d> Loader<'d> {
         stats: &mut SceneStats,
     ) -> Result<u32, SceneError> {
         let (material, emitter, pos) = (desc.material, desc.emitter, desc.pos.clone());
+        let target = desc.photon_target;
         let nodes = [desc.material_node, emitter.map(|e| e.node)];
         self.check_priority(material, emitter, &pos)?;
         let mut shape = desc.finish(map, stats)?;
@@ -344,6 +354,7 @@ impl<'d> Loader<'d> {
             self.check_attributes(node, &shape, &pos)?;
         }
         stats.left_out_bytes += self.strip(&mut shape, material, emitter) as u64;
+        placed.targets.extend(target.map(|t| self.photon_target(t, material, placed.set.shapes.len(), &pos)));
         placed.set.shapes.push(shape);
         placed.materials.push(material);
         placed.emitters.push(emitter);
