@@ -273,6 +273,12 @@ const CASES: &[Case] = &[
         51,
         &["\"3.5\" is not an integer", "whole number"],
     ),
+    (
+        "<integrator type=\"photonmapper\"><string name=\"cache_metric\" value=\"hesian\"/></integrator>",
+        2,
+        37,
+        &["unknown cache_metric \"hesian\"", "did you mean \"hessian\"?"],
+    ),
     ("<integrator type=\"path\"/>\n<integrator type=\"path\"/>", 3, 1, &["a second <integrator>", "only one"]),
     ("<include filename=\"loop.xml\"/>", 1, 33, &["loop.xml", "\"loop.xml\" includes itself", "remove one"]),
     ("<include filename=\"none.xml\"/>", 2, 10, &["file \"none.xml\" not found", "looked in"]),

@@ -2,13 +2,16 @@
 
 use std::f32::consts::{PI, TAU};
 
-use super::CacheRecord;
+use super::hessian::{Corner, Derivatives};
+use super::{CacheMetric, CacheRecord, REACH, TOTAL_ERROR};
 use crate::color::Rgb;
 use crate::math::{Frame, Vec2, Vec3};
 
 /// What one ray of the hemisphere saw.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
+    /// The ray's direction, a unit vector.
+    pub wi: Vec3,
     /// Radiance that arrives, W·m⁻²·sr⁻¹.
     pub radiance: Rgb,
     /// Distance to the first surface; infinite where there is none.
@@ -51,8 +54,17 @@ impl Hemisphere {
         self.frame.to_world(local)
     }
 
-    /// The record at `p` from what the strata saw, in their order. Its radius is the harmonic mean of the distances.
-    pub fn record(&self, p: Vec3, seen: &[Seen]) -> CacheRecord {
+    /// The record at `p` from what the strata saw, in their order.
+    pub fn record(&self, p: Vec3, seen: &[Seen], metric: CacheMetric) -> CacheRecord {
+        let record = self.ward(p, seen);
+        match metric {
+            CacheMetric::SplitSphere => record,
+            CacheMetric::Hessian => self.bent(record, seen),
+        }
+    }
+
+    /// Whose radius is the harmonic mean of the distances.
+    fn ward(&self, p: Vec3, seen: &[Seen]) -> CacheRecord {
         assert_eq!(seen.len(), self.len() as usize, "every stratum has one ray");
         let (m, n) = (self.rows as usize, self.columns as usize);
         let share = PI / (m * n) as f32;
@@ -94,6 +106,19 @@ impl Hemisphere {
             rotation,
             translation,
         }
+    }
+
+    /// The same record with the gradient and the radius that derivatives with occlusion give: the integral of the error
+    /// `½ xᵀHx` over a disc of radius R is `π/8·(|λ₁| + |λ₂|)·R⁴` [Schwarzhaupt et al. 2012, §4].
+    fn bent(&self, record: CacheRecord, seen: &[Seen]) -> CacheRecord {
+        let corners: Vec<Corner> = seen.iter().map(|s| Corner::new(s.wi, s.distance, s.radiance)).collect();
+        let d = Derivatives::of(&self.frame, self.rows as usize, self.columns as usize, &corners);
+        let irradiance = record.irradiance.to_array().iter().map(|&c| c as f64 / 3.0).sum::<f64>();
+        let reach = (4.0 * TOTAL_ERROR * irradiance / (std::f64::consts::PI * d.curvature())).powf(0.25);
+        // Where nothing bends a record is good far away, but not beyond what it sees.
+        let far = 8.0 * record.radius;
+        let radius = if reach.is_finite() { (reach as f32 / REACH).min(far) } else { far };
+        CacheRecord { radius, translation: d.gradient, ..record }
     }
 
     fn tangent(&self, x: f32, y: f32) -> Vec3 {

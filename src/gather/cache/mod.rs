@@ -1,10 +1,12 @@
 //! The irradiance cache: indirect irradiance computed at few points and interpolated between them [Ward et al. 1988].
 //!
 //! A record is an average over a whole hemisphere of rays, with the gradients of [Ward and Heckbert 1992], and is good for
-//! its neighbourhood up to a radius: the harmonic mean of the distances of what it sees, within limits. The cache is filled
-//! in rounds (see the photon mapper), each from what the rounds before it left, so that it does not depend on threads.
+//! its neighbourhood up to a radius, which follows from how irradiance bends there or from the distances of what it sees
+//! ([`CacheMetric`]), within limits. The cache is filled in rounds (see the photon mapper), each from what the rounds before
+//! it left, so that it does not depend on threads.
 
 mod hemisphere;
+mod hessian;
 mod octree;
 #[cfg(test)]
 mod tests;
@@ -15,6 +17,21 @@ use crate::color::Rgb;
 use crate::math::{Bounds3, Vec3};
 use octree::Octree;
 
+/// What says how far a record is good.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CacheMetric {
+    /// The harmonic mean of the distances of what it sees [Ward et al. 1988], less where the gradient is steep.
+    SplitSphere,
+    /// How much irradiance bends, by its second derivatives with occlusion [Schwarzhaupt et al. 2012].
+    #[default]
+    Hessian,
+}
+
+impl CacheMetric {
+    /// The names in scene files.
+    pub const NAMES: [(&'static str, Self); 2] = [("split_sphere", Self::SplitSphere), ("hessian", Self::Hessian)];
+}
+
 /// Parameters, named as in Mitsuba 0.6's `irrcache`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CacheSettings {
@@ -22,6 +39,9 @@ pub struct CacheSettings {
     pub resolution: u32,
     /// Records are valid over a distance that this divides.
     pub quality: f32,
+    /// What says how far records are good. Without gradients, `SplitSphere` unless the scene file says otherwise: the other
+    /// measures the error that gradients leave.
+    pub metric: CacheMetric,
     /// Interpolate with gradients.
     pub gradients: bool,
     /// Let a record's radius not exceed a neighbour's by more than their distance [Křivánek et al. 2006].
@@ -32,12 +52,18 @@ pub struct CacheSettings {
 
 impl Default for CacheSettings {
     fn default() -> Self {
-        Self { resolution: 16, quality: 1.0, gradients: true, clamp_neighbor: true, clamp_screen: true }
+        let metric = CacheMetric::default();
+        Self { resolution: 16, quality: 1.0, metric, gradients: true, clamp_neighbor: true, clamp_screen: true }
     }
 }
 
 /// The largest error, in Ward's measure `d/R + √(1 − n·nᵢ)`, at which a record is used; divided by the quality.
 const REACH: f32 = 0.5;
+
+/// The error that a record of the Hessian metric makes over its whole reach, relative to its irradiance times the area of a
+/// square of unit side; divided by the fourth power of the quality. At quality 1 the Cornell box has as many records as by
+/// [`CacheMetric::SplitSphere`].
+const TOTAL_ERROR: f64 = 1e-3;
 
 /// Least and greatest reach of a record on the screen, in pixels.
 pub const PIXELS: (f32, f32) = (1.5, 20.0);
@@ -48,7 +74,7 @@ pub struct CacheRecord {
     pub p: Vec3,
     /// Unit normal on the side that is lit.
     pub n: Vec3,
-    /// Distance over which irradiance changes: the harmonic mean distance of what is seen, within limits.
+    /// Distance over which irradiance changes, by the metric, within limits.
     pub radius: f32,
     /// W·m⁻².
     pub irradiance: Rgb,
@@ -98,8 +124,9 @@ impl IrradianceCache {
     /// Takes a record as [`Hemisphere::record`] made it. `pixel` is the width of a pixel seen there, scene units.
     pub fn insert(&mut self, mut record: CacheRecord, pixel: f32) {
         // No further than irradiance takes to change by as much as there is.
+        let ward = self.settings.metric == CacheMetric::SplitSphere;
         let steepest = record.translation.iter().map(|g| g.length()).fold(0.0, f32::max);
-        if self.settings.gradients && steepest > 0.0 {
+        if ward && self.settings.gradients && steepest > 0.0 {
             record.radius = record.radius.min(record.irradiance.max_channel() / steepest);
         }
         // No further than a neighbour nearby allows, nor may the neighbour.
@@ -115,7 +142,8 @@ impl IrradianceCache {
             }
             record.radius = record.radius.clamp(least, most);
         }
-        if !(record.radius.is_finite() && record.irradiance.is_finite() && record.radius > 0.0) {
+        let slopes = record.translation.iter().all(|g| g.is_finite());
+        if !(slopes && record.radius.is_finite() && record.irradiance.is_finite() && record.radius > 0.0) {
             return;
         }
         let id = self.records.len() as u32;

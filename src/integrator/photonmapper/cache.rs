@@ -116,14 +116,14 @@ impl PhotonMapper<'_> {
                 let wi = hemisphere.direction(i, sampler.next_2d());
                 // Shading normals may turn directions below the surface.
                 if (wi.dot(point.si.ng) > 0.0) != front {
-                    return Seen { radiance: crate::color::Rgb::BLACK, distance: f32::INFINITY };
+                    return Seen { wi, radiance: crate::color::Rgb::BLACK, distance: f32::INFINITY };
                 }
                 let ray = point.si.spawn_ray(wi);
                 let (radiance, distance) = self.arriving(scene, ray, 1.0, None, 0, &mut sampler, &mut counters);
-                Seen { radiance, distance }
+                Seen { wi, radiance, distance }
             })
             .collect();
-        Some((hemisphere.record(point.si.p, &seen), counters))
+        Some((hemisphere.record(point.si.p, &seen, cache.settings().metric), counters))
     }
 }
 

@@ -18,6 +18,8 @@ enum Kind {
     /// Between 0 and 1.
     Fraction,
     Switch,
+    /// One of these words.
+    Word(&'static [&'static str]),
     /// Of Mitsuba, without meaning here.
     Ignored,
 }
@@ -64,6 +66,7 @@ const INTEGRATORS: &[(&str, Params)] = &[
             ("irradiance_cache", Switch),
             ("resolution", Count),
             ("quality", Size),
+            ("cache_metric", Word(&["split_sphere", "hessian"])),
             ("gradients", Switch),
             ("clamp_neighbor", Switch),
             ("clamp_screen", Switch),
@@ -173,6 +176,11 @@ fn parameter(q: &Query, name: &str, kind: Kind) -> Result<Option<ParamValue>, Sc
             None
         }
         Switch => Some(ParamValue::Boolean(q.bool(name, false)?)),
+        Word(known) => {
+            let words: Vec<(&str, &str)> = known.iter().map(|&w| (w, w)).collect();
+            let word = q.choice(name, "", &words)?;
+            (!word.is_empty()).then(|| ParamValue::String(word.to_owned()))
+        }
         Ignored => {
             q.ignore(&[name]);
             None
