@@ -70,3 +70,14 @@ fn same_bits_from_the_irradiance_cache() {
         same_bits(&text, accel, "photonmapper");
     }
 }
+
+#[test]
+fn same_bits_from_radii_that_follow_the_photons() {
+    for parameter in ["shared_statistics", "chi_squared_radius"] {
+        let shared = format!(r#"<integrator type="sppm"><boolean name="{parameter}" value="true"/></integrator>"#);
+        let text = BOX.replace("<sensor", &format!("{shared}<sensor"));
+        for accel in backends() {
+            same_bits(&text, accel, "sppm");
+        }
+    }
+}

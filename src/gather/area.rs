@@ -1,5 +1,6 @@
 //! The area that a density estimate divides by, other than the disc of the sphere that its photons are found in.
 
+use super::bins::Bins;
 use crate::color::Rgb;
 use crate::math::{DVec2, Frame, Vec3};
 use crate::photon::{Kernel, Neighbours, PhotonMap, convex_hull};
@@ -15,16 +16,6 @@ pub struct AreaSettings {
     /// Halve the number of photons until they are spread evenly, or are too few to tell [Lin et al. 2020].
     pub even: bool,
 }
-
-/// Sectors and rings of equal area in which photons are counted.
-const SECTORS: usize = 4;
-const BINS: usize = 2 * SECTORS;
-
-/// Photons expected in a bin at least, so that the statistic is distributed as χ².
-const LEAST_PER_BIN: usize = 5;
-
-/// 99 % quantile of χ² with 7 degrees of freedom.
-const CHI_SQUARE: f64 = 18.475;
 
 /// A photon seen from the point of the estimate.
 struct Near {
@@ -56,7 +47,7 @@ pub(super) fn sum(
     flatten(&mut photons, settings, radius_sq);
     if settings.even {
         photons.sort_unstable_by(|a, b| a.d_sq.total_cmp(&b.d_sq).then(a.index.cmp(&b.index)));
-        while photons.len() >= BINS * LEAST_PER_BIN && chi_square(&photons, radius_sq) > CHI_SQUARE {
+        while count(&photons, radius_sq).uneven() {
             // Now the next photon sets the radius.
             let half = photons.len() / 2;
             radius_sq = photons[half].d_sq;
@@ -79,15 +70,13 @@ fn flatten(photons: &mut Vec<Near>, settings: &AreaSettings, radius_sq: f32) {
     }
 }
 
-/// Pearson's statistic for photons that are uniform over the disc, counted in [`BINS`] parts of it.
-fn chi_square(photons: &[Near], radius_sq: f32) -> f64 {
-    let mut counts = [0usize; BINS];
+/// How the photons lie in the disc.
+fn count(photons: &[Near], radius_sq: f32) -> Bins {
+    let mut bins = Bins::default();
     for n in photons {
-        let sector = usize::from(n.at.x < 0.0) | usize::from(n.at.y < 0.0) << 1;
-        counts[sector + if 2.0 * n.d_sq > radius_sq { SECTORS } else { 0 }] += 1;
+        bins.count((n.at.x < 0.0, n.at.y < 0.0), n.d_sq, radius_sq);
     }
-    let expected = photons.len() as f64 / BINS as f64;
-    counts.iter().map(|&c| (c as f64 - expected).powi(2) / expected).sum()
+    bins
 }
 
 /// The sum over the photons inside their convex hull, divided by its area; `None` where it has none.

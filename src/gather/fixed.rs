@@ -1,10 +1,11 @@
 //! Radiance from a photon map by density estimation within a radius that is known beforehand, as progressive methods do.
 
+use super::bins::Bins;
 use super::photons::{MIN_NORMAL_COS, SCRATCH, above_horizon, flux_cosine};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
-use crate::math::INV_PI;
+use crate::math::{Frame, INV_PI};
 use crate::photon::{Kernel, PhotonMap};
 use crate::tally::Counters;
 
@@ -42,14 +43,43 @@ impl RadiusMap {
     /// the radiance under the kernel. Radiance leaves `si` towards `si.wo` through its diffuse and wide glossy lobes.
     #[inline]
     pub fn estimate(&self, si: &SurfaceInteraction, bsdf: &Bsdf, r_sq: f32, counters: &mut Counters) -> RadiusEstimate {
+        self.estimate_and(si, bsdf, r_sq, counters, |_, _| {})
+    }
+
+    /// As [`RadiusMap::estimate`]; adds where the photons lie in the disc to `bins`.
+    pub fn estimate_in_bins(
+        &self,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        r_sq: f32,
+        counters: &mut Counters,
+        bins: &mut Bins,
+    ) -> RadiusEstimate {
+        let frame = Frame::from_normal(si.ng);
+        self.estimate_and(si, bsdf, r_sq, counters, |i, d_sq| {
+            let d = self.map.position(i) - si.p;
+            bins.count((d.dot(frame.s) < 0.0, d.dot(frame.t) < 0.0), d_sq, r_sq);
+        })
+    }
+
+    /// As [`RadiusMap::estimate`]; `visit` hears the index and the squared distance of every photon that counts.
+    #[inline(always)]
+    fn estimate_and(
+        &self,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        r_sq: f32,
+        counters: &mut Counters,
+        visit: impl FnMut(u32, f32),
+    ) -> RadiusEstimate {
         counters.photon_queries += 1;
         if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE) {
-            let mut e = self.sum(si, Some(si.wo.dot(si.ng) > 0.0), r_sq, |i| self.map.power(i));
+            let mut e = self.sum(si, Some(si.wo.dot(si.ng) > 0.0), r_sq, visit, |i| self.map.power(i));
             e.radiance = albedo * INV_PI * e.radiance;
             return e;
         }
         let side = if bsdf.transmits(LobeMask::SMOOTH_WIDE) { None } else { Some(si.wo.dot(si.ng) > 0.0) };
-        self.sum(si, side, r_sq, |i| {
+        self.sum(si, side, r_sq, visit, |i| {
             let wi = above_horizon(self.map.direction(i), si.ng, self.map.side(i));
             // eval() has |wi·ns|; what photons count is flux through the geometric surface, |wi·ng|.
             bsdf.eval(si.wo, wi, Mode::Radiance, LobeMask::SMOOTH_WIDE) * self.map.power(i) / flux_cosine(si, wi)
@@ -57,7 +87,14 @@ impl RadiusMap {
     }
 
     #[inline(always)]
-    fn sum(&self, si: &SurfaceInteraction, side: Option<bool>, r_sq: f32, term: impl Fn(u32) -> Rgb) -> RadiusEstimate {
+    fn sum(
+        &self,
+        si: &SurfaceInteraction,
+        side: Option<bool>,
+        r_sq: f32,
+        mut visit: impl FnMut(u32, f32),
+        term: impl Fn(u32) -> Rgb,
+    ) -> RadiusEstimate {
         let mut e = RadiusEstimate::default();
         SCRATCH.with_borrow_mut(|scratch| {
             self.map.within(si.p, r_sq, scratch, |i, d_sq| {
@@ -69,6 +106,7 @@ impl RadiusMap {
                 if !term.is_black() {
                     e.radiance += term * self.kernel.weight(d_sq, r_sq);
                     e.count += 1;
+                    visit(i, d_sq);
                 }
             });
         });

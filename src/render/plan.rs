@@ -92,7 +92,10 @@ pub enum PlanError {
         "the passes {found:?} are not within the {passes} of this render: give --passes or --spp for all machines together"
     )]
     PassRange { found: Range<u64>, passes: u64 },
-    #[error("passes that share statistics depend on those before them: --pass-range must begin with 0")]
+    #[error(
+        "passes that share statistics depend on those before them: --pass-range must begin with 0 unless the scene leaves out \
+         shared_statistics and chi_squared_radius"
+    )]
     DependentPasses,
     #[error("the layer {layer} shows photon maps, and {integrator} keeps none: use --integrator photonmapper")]
     NoLayers { layer: &'static str, integrator: &'static str },
@@ -225,7 +228,7 @@ impl Plan {
 
     /// Whether what a pass adds does not depend on the passes before it.
     pub fn independent(&self) -> bool {
-        !matches!(self.method, Method::Ppm(s) | Method::Sppm(s) if s.shared_statistics)
+        !matches!(self.method, Method::Ppm(s) | Method::Sppm(s) if s.shares())
     }
 
     /// Whether the bias of this pass is to be told.
@@ -288,6 +291,7 @@ fn sppm(scene: &Scene, own: bool, photons: Option<u64>) -> SppmSettings {
         clamp: (0.5, 4.0),
         radius_floor: float("radius_floor").unwrap_or(0.0),
         shared_statistics: s.boolean("shared_statistics").filter(|_| own).unwrap_or(false),
+        chi_squared_radius: s.boolean("chi_squared_radius").filter(|_| own).unwrap_or(false),
         boundary_correction: s.boolean("boundary_correction").filter(|_| own).unwrap_or(true),
         caustics: true,
         indirect: true,

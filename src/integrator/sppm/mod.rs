@@ -19,9 +19,11 @@
 //! Under a depth limit the photons' paths are as long as fits a camera path of one edge; what the camera sees through
 //! specular surfaces may then be longer by the edges of that chain.
 
+mod evenness;
 mod radii;
 mod schedule;
 
+pub(crate) use evenness::{Evenness, NUMBERS as EVENNESS_NUMBERS};
 pub use radii::{FoundPhotons, KINDS, PixelRadii, Radii, SharedStatistics};
 pub use schedule::{SharedRadius, radius_sq_ratio};
 
@@ -29,7 +31,7 @@ use super::lobe_walk::LobeWalk;
 use super::{CameraSample, Integrator, MaxDepth};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
-use crate::gather::{Patch, RadiusMap, sample_direct, sample_lobe_light};
+use crate::gather::{Bins, Patch, RadiusMap, sample_direct, sample_lobe_light};
 use crate::geometry::SurfaceInteraction;
 use crate::sample::{Sampler, Sequence};
 use crate::scene::Scene;
@@ -59,6 +61,9 @@ pub struct SppmSettings {
     /// Radii by the photons that each pixel has found [Hachisuka and Jensen 2009] rather than by the pass's number: passes
     /// then depend on those before.
     pub shared_statistics: bool,
+    /// Radii that shrink only where the photons that a pixel has found lie unevenly [Lin et al. 2020]; where a disc reaches
+    /// beyond the surface, by their number. Passes depend on those before.
+    pub chi_squared_radius: bool,
     /// Divide estimates by the share of their disc that is surface, where surfaces end.
     pub boundary_correction: bool,
     /// Shoot caustic photons.
@@ -73,6 +78,11 @@ pub struct SppmSettings {
 pub const PILOT_PASS: u64 = u64::MAX;
 
 impl SppmSettings {
+    /// Whether radii follow what earlier passes have found.
+    pub fn shares(&self) -> bool {
+        self.shared_statistics || self.chi_squared_radius
+    }
+
     /// How the photons of one map are shot.
     pub fn shoot_settings(&self, seed: u64, pass: u64, target: Target, sequence: Sequence) -> ShootSettings {
         // The camera path adds an edge.
@@ -186,7 +196,13 @@ impl Sppm<'_> {
                 Some((shared, _)) => shared.pixels[pixel][kind].radius_sq,
             };
             let r_sq = r_sq.max(radii.floor_sq) * self.read;
-            let mut estimate = map.estimate(si, bsdf, r_sq, counters);
+            let mut bins = None;
+            let mut estimate = match self.shared {
+                Some((shared, _)) if shared.tests() => {
+                    map.estimate_in_bins(si, bsdf, r_sq, counters, bins.insert(Bins::default()))
+                }
+                _ => map.estimate(si, bsdf, r_sq, counters),
+            };
             if let Some((scene, sampler)) = &ends
                 && estimate.count > 0
                 && let clearing = self.radii.clearing(pixel)
@@ -194,10 +210,14 @@ impl Sppm<'_> {
             {
                 let share = Patch::new(scene, si, clearing.solids).share(map.kernel(), r_sq, sampler, counters);
                 estimate.radiance = estimate.radiance / share;
+                // Photons that lie on a part of the disc are uneven, and say nothing about the light.
+                bins = None;
             }
             sum += estimate.radiance;
-            if let Some((_, found)) = self.shared {
-                found.add(pixel, kind, estimate.count);
+            match (self.shared, &bins) {
+                (Some((_, found)), Some(bins)) => found.add_bins(pixel, kind, bins),
+                (Some((_, found)), None) => found.add(pixel, kind, estimate.count),
+                (None, _) => {}
             }
         }
         sum

@@ -4,10 +4,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
+use super::evenness::Evenness;
 use super::{PassMaps, SharedRadius, SppmSettings};
 use crate::bsdf::{LobeMask, Mode};
 use crate::camera::{CameraRay, FilmWindow};
-use crate::gather::{Clearing, Patch};
+use crate::gather::{BINS, Bins, Clearing, Patch};
 use crate::geometry::SurfaceInteraction;
 use crate::math::Vec2;
 use crate::sample::{Key, Purpose, Sampler};
@@ -193,13 +194,16 @@ fn fill_gaps(seen: Vec<Option<PixelRadii>>, width: usize, scene_radius: f32) -> 
 #[derive(Clone, Debug, PartialEq)]
 pub struct SharedStatistics {
     pub(crate) pixels: Vec<[SharedRadius; KINDS]>,
+    /// How the photons lie; only where radii follow that.
+    pub(crate) evenness: Vec<[Evenness; KINDS]>,
 }
 
 impl SharedStatistics {
     /// Before the first pass.
-    pub fn new(radii: &Radii) -> Self {
+    pub fn new(radii: &Radii, settings: &SppmSettings) -> Self {
         let start = |p: &PixelRadii| p.first_sq.map(|radius_sq| SharedRadius { radius_sq, photons: 0.0 });
-        Self { pixels: radii.pixels.iter().map(start).collect() }
+        let tested = if settings.chi_squared_radius { radii.len() } else { 0 };
+        Self { pixels: radii.pixels.iter().map(start).collect(), evenness: vec![[Evenness::default(); KINDS]; tested] }
     }
 
     /// Takes in what a pass found.
@@ -209,22 +213,51 @@ impl SharedStatistics {
                 shared.update(count.load(Ordering::Relaxed), alpha);
             }
         }
+        for ((pixel, tests), bins) in self.pixels.iter_mut().zip(&mut self.evenness).zip(&found.bins) {
+            for ((shared, test), bins) in pixel.iter_mut().zip(tests).zip(bins) {
+                let bins = Bins(std::array::from_fn(|i| bins[i].load(Ordering::Relaxed)));
+                test.update(&bins, shared, alpha);
+            }
+        }
+    }
+
+    /// The photons of one pass, nothing found yet.
+    pub fn begin(&self) -> FoundPhotons {
+        let pixels = self.pixels.len();
+        FoundPhotons {
+            counts: (0..pixels).map(|_| Default::default()).collect(),
+            bins: self.evenness.iter().map(|_| Default::default()).collect(),
+        }
+    }
+
+    /// Whether radii follow how the photons lie.
+    #[inline]
+    pub fn tests(&self) -> bool {
+        !self.evenness.is_empty()
     }
 }
 
-/// How many photons each pixel found in one pass. Sums of integers, so threads may add in any order.
+/// The photons that each pixel found in one pass, of each kind. Sums of integers, so threads may add in any order.
 #[derive(Debug)]
 pub struct FoundPhotons {
+    /// Those that narrow the radius whatever they look like.
     counts: Vec<[AtomicU32; KINDS]>,
+    /// Those that are put to the test.
+    bins: Vec<[[AtomicU32; BINS]; KINDS]>,
 }
 
 impl FoundPhotons {
-    pub fn new(pixels: usize) -> Self {
-        Self { counts: (0..pixels).map(|_| Default::default()).collect() }
-    }
-
+    /// Adds photons that narrow the radius.
     #[inline]
     pub fn add(&self, pixel: usize, kind: usize, count: u32) {
         self.counts[pixel][kind].fetch_add(count, Ordering::Relaxed);
+    }
+
+    /// Adds photons that narrow the radius if they are uneven.
+    #[inline]
+    pub fn add_bins(&self, pixel: usize, kind: usize, bins: &Bins) {
+        for (sum, &count) in self.bins[pixel][kind].iter().zip(&bins.0) {
+            sum.fetch_add(count, Ordering::Relaxed);
+        }
     }
 }

@@ -23,7 +23,8 @@ pub enum CheckpointError {
     #[error("the passes {first:?} and {second:?} overlap: merge each pass once")]
     Overlap { first: Range<u64>, second: Range<u64> },
     #[error(
-        "passes that share statistics depend on those before them and cannot be merged; use the probabilistic schedule"
+        "passes that share statistics depend on those before them and cannot be merged; leave out \
+         shared_statistics and chi_squared_radius"
     )]
     Dependent,
     #[error("nothing to merge")]

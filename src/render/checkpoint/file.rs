@@ -86,6 +86,7 @@ impl Checkpoint {
             maps: Vec::new(),
             photon_memory: 0,
             shared: Vec::new(),
+            evenness: Vec::new(),
         }
     }
 }

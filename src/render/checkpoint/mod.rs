@@ -21,7 +21,7 @@ use super::spread::Spread;
 use super::{ClampSummary, MapSummary, Plan, Session};
 use crate::film::{Clamp, Film, FilmState, ReconstructionFilter};
 use crate::image::{FilmWindow, Image};
-use crate::integrator::sppm::{SharedRadius, SharedStatistics};
+use crate::integrator::sppm::{EVENNESS_NUMBERS, Evenness, SharedRadius, SharedStatistics};
 use crate::scene::Scene;
 use crate::tally::Counters;
 
@@ -52,6 +52,7 @@ pub struct Checkpoint {
     maps: Vec<MapSummary>,
     photon_memory: usize,
     shared: Vec<[f64; 4]>,
+    evenness: Vec<[f64; 2 * EVENNESS_NUMBERS]>,
 }
 
 /// Everything that decides what a pass adds to the picture, but for the scene's files.
@@ -96,6 +97,7 @@ impl Checkpoint {
             maps: session.summary.maps.clone(),
             photon_memory: session.summary.photon_memory,
             shared: shared.map_or_else(Vec::new, |s| s.pixels.iter().map(numbers).collect()),
+            evenness: shared.map_or_else(Vec::new, |s| s.evenness.iter().map(evenness_numbers).collect()),
         }
     }
 
@@ -144,7 +146,8 @@ impl Checkpoint {
         visit_counters(&mut self.counters, c)?;
         c.list(&mut self.maps, 8 * 4, MapSummary::default(), |c, m| visit_map(m, c))?;
         c.size(&mut self.photon_memory)?;
-        c.floats(&mut self.shared)
+        c.floats(&mut self.shared)?;
+        c.floats(&mut self.evenness)
     }
 
     /// Whether all parts fit each other.
@@ -162,6 +165,7 @@ impl Checkpoint {
         fits(self.film.samples.len())
             && (self.film.splats.is_empty() || fits(self.film.splats.len()))
             && (self.shared.is_empty() || fits(self.shared.len()))
+            && (self.evenness.is_empty() || self.evenness.len() == self.shared.len())
             && spreads
             && ordered
     }
@@ -206,7 +210,7 @@ impl<'s> Session<'s> {
         session.summary.maps = checkpoint.maps.clone();
         session.summary.photon_memory = checkpoint.photon_memory;
         session.summary.clamp = checkpoint.clamp();
-        session.resumed_shared = (!checkpoint.shared.is_empty()).then(|| statistics_from(&checkpoint.shared));
+        session.resumed_shared = (!checkpoint.shared.is_empty()).then(|| statistics_from(checkpoint));
         Ok(session)
     }
 }
@@ -326,11 +330,21 @@ fn visit_map<C: Codec>(m: &mut MapSummary, c: &mut C) -> Result<(), Malformed> {
     c.list(&mut m.aimed.photons, 8, 0, |c, n| c.word(n))
 }
 
+/// The tests of both kinds of photons as the numbers of a checkpoint.
+fn evenness_numbers(tests: &[Evenness; 2]) -> [f64; 2 * EVENNESS_NUMBERS] {
+    let [a, b] = tests.each_ref().map(Evenness::numbers);
+    std::array::from_fn(|i| if i < EVENNESS_NUMBERS { a[i] } else { b[i - EVENNESS_NUMBERS] })
+}
+
 /// Statistics of every pixel from the numbers of a checkpoint.
-fn statistics_from(numbers: &[[f64; 4]]) -> SharedStatistics {
+fn statistics_from(c: &Checkpoint) -> SharedStatistics {
     let pair = |n: &[f64; 4]| {
         let of = |i: usize| SharedRadius { radius_sq: n[i] as f32, photons: n[i + 1] as f32 };
         [of(0), of(2)]
     };
-    SharedStatistics { pixels: numbers.iter().map(pair).collect() }
+    let tests = |n: &[f64; 2 * EVENNESS_NUMBERS]| {
+        let of = |first: usize| Evenness::from_numbers(&std::array::from_fn(|i| n[first + i]));
+        [of(0), of(EVENNESS_NUMBERS)]
+    };
+    SharedStatistics { pixels: c.shared.iter().map(pair).collect(), evenness: c.evenness.iter().map(tests).collect() }
 }

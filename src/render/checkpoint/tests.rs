@@ -6,10 +6,12 @@ use super::{Checkpoint, CheckpointError};
 use crate::render::{Control, Plan, PlanOverrides, Session, Silent};
 use crate::scene::{LoadOptions, Scene};
 
-fn scene(shared: bool) -> Scene {
+fn scene(parameter: &str) -> Scene {
+    let parameter =
+        if parameter.is_empty() { String::new() } else { format!(r#"<boolean name="{parameter}" value="true"/>"#) };
     let text = format!(
         r#"<scene version="3.0.0">
-        <integrator type="sppm"><boolean name="shared_statistics" value="{shared}"/></integrator>
+        <integrator type="sppm">{parameter}</integrator>
         <sensor type="perspective">
           <transform name="to_world"><lookat origin="0, 0, 3" target="0, 0, 0" up="0, 1, 0"/></transform>
           <film type="hdrfilm"><integer name="width" value="9"/><integer name="height" value="7"/></film></sensor>
@@ -19,6 +21,8 @@ fn scene(shared: bool) -> Scene {
     );
     Scene::from_text(&text, Path::new("scene.xml"), &LoadOptions::default()).expect("a good scene")
 }
+
+const SHARED: &str = "shared_statistics";
 
 fn plan(scene: &Scene, integrator: &str, passes: std::ops::Range<u64>) -> Plan {
     let o = PlanOverrides {
@@ -45,8 +49,9 @@ fn through_file(c: &Checkpoint) -> Checkpoint {
 
 #[test]
 fn a_resumed_render_has_the_bits_of_an_unbroken_one() {
-    for (integrator, shared) in [("path", false), ("sppm", false), ("sppm", true), ("photonmapper", false)] {
-        let s = scene(shared);
+    let cases = [("path", ""), ("sppm", ""), ("sppm", SHARED), ("sppm", "chi_squared_radius"), ("photonmapper", "")];
+    for (integrator, parameter) in cases {
+        let s = scene(parameter);
         let mut p = plan(&s, integrator, 0..6);
         p.spp = None;
         let mut whole = Session::new(&s, &p);
@@ -56,7 +61,7 @@ fn a_resumed_render_has_the_bits_of_an_unbroken_one() {
             advance(&mut first, stop);
             let mut second = Session::resume(&s, &p, &through_file(&Checkpoint::of(&first))).expect("the same render");
             advance(&mut second, 6 - stop);
-            let what = format!("{integrator}, shared {shared}, stopped after {stop}");
+            let what = format!("{integrator}, {parameter}, stopped after {stop}");
             assert_eq!(whole.image().pixels(), second.image().pixels(), "{what}");
             assert_eq!(whole.variance(), second.variance(), "{what}");
             assert_eq!((whole.summary.spp, whole.passes()), (second.summary.spp, second.passes()), "{what}");
@@ -67,7 +72,7 @@ fn a_resumed_render_has_the_bits_of_an_unbroken_one() {
 
 #[test]
 fn the_clamp_outlives_a_checkpoint() {
-    let s = scene(false);
+    let s = scene("");
     let mut p = plan(&s, "path", 0..6);
     p.spp = None;
     p.clamp = Some(0.9);
@@ -98,7 +103,7 @@ fn the_clamp_outlives_a_checkpoint() {
 #[test]
 fn merged_ranges_are_the_single_run() {
     for integrator in ["path", "ppm", "photonmapper"] {
-        let s = scene(false);
+        let s = scene("");
         let part = |range| {
             let mut p = plan(&s, integrator, range);
             p.spp = None;
@@ -123,7 +128,7 @@ fn merged_ranges_are_the_single_run() {
 
 #[test]
 fn what_does_not_belong_together_is_refused() {
-    let (s, t) = (scene(false), scene(true));
+    let (s, t) = (scene(""), scene(SHARED));
     let part = |s: &Scene, integrator: &str, range: std::ops::Range<u64>| {
         let passes = range.end - range.start;
         let mut session = Session::new(s, &plan(s, integrator, range));
@@ -138,6 +143,9 @@ fn what_does_not_belong_together_is_refused() {
     assert!(matches!(refused(vec![]), CheckpointError::Nothing));
     let shared = vec![part(&t, "sppm", 0..1), part(&t, "sppm", 1..2)];
     assert!(matches!(refused(shared), CheckpointError::Dependent));
+    let tested = scene("chi_squared_radius");
+    let tested = vec![part(&tested, "sppm", 0..1), part(&tested, "sppm", 1..2)];
+    assert!(matches!(refused(tested), CheckpointError::Dependent));
     let resume = |s: &Scene, p: Plan| Session::resume(s, &p, &a).map(|_| ()).expect_err("another render");
     assert!(matches!(resume(&t, plan(&t, "ppm", 0..6)), CheckpointError::Scene { .. }));
     assert!(matches!(resume(&s, plan(&s, "sppm", 0..6)), CheckpointError::Plan { .. }));
@@ -148,7 +156,7 @@ fn what_does_not_belong_together_is_refused() {
 
 #[test]
 fn damage_is_found() {
-    let s = scene(false);
+    let s = scene("");
     let mut session = Session::new(&s, &plan(&s, "ppm", 0..6));
     advance(&mut session, 2);
     let bytes = Checkpoint::of(&session).encode();

@@ -104,6 +104,7 @@ const PROGRESSIVE: Params = &[
     ("lookup_size", Count),
     ("radius_floor", Length),
     ("shared_statistics", Switch),
+    ("chi_squared_radius", Switch),
     ("boundary_correction", Switch),
 ];
 
@@ -144,6 +145,11 @@ pub(super) fn integrator(q: Query) -> Result<IntegratorSettings, SceneError> {
     }
     if settings.integer("emitter_samples") == Some(0) && settings.integer("bsdf_samples") == Some(0) {
         return Err(q.error("neither emitter_samples nor bsdf_samples is above zero").help("take at least one sample"));
+    }
+    if settings.boolean("chi_squared_radius") == Some(true) && settings.boolean("shared_statistics") == Some(false) {
+        return Err(q.error_at("chi_squared_radius", "\"chi_squared_radius\" without \"shared_statistics\"").help(
+            "radii that follow a test of all photons found so far need statistics: leave shared_statistics out",
+        ));
     }
     q.finish()?;
     Ok(settings)

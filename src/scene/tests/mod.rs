@@ -280,3 +280,13 @@ fn the_scenes_of_the_repository_load() {
     }
     assert!(count >= 4, "{count}");
 }
+
+#[test]
+fn a_test_of_all_passes_needs_their_statistics() {
+    let parameters = r#"<boolean name="shared_statistics" value="false"/>
+<boolean name="chi_squared_radius" value="true"/>"#;
+    let e = error(&format!("<integrator type=\"sppm\">{parameters}</integrator>"));
+    assert!(e.contains("t.xml:3") && e.contains("leave shared_statistics out"), "{e}");
+    let e = error(r#"<integrator type="vcm"><boolean name="chi_squared_radius" value="true"/></integrator>"#);
+    assert!(e.contains("chi_squared_radius"), "{e}");
+}
