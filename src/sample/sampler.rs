@@ -24,6 +24,27 @@ pub struct Sampler {
     sequence: Sequence,
 }
 
+/// What drives a path: a [`Sampler`], or numbers that remember others.
+pub trait Numbers {
+    /// The next number in [0, 1).
+    fn next_1d(&mut self) -> f32;
+
+    /// The next point in [0, 1)².
+    fn next_2d(&mut self) -> Vec2;
+}
+
+impl Numbers for Sampler {
+    #[inline(always)]
+    fn next_1d(&mut self) -> f32 {
+        Sampler::next_1d(self)
+    }
+
+    #[inline(always)]
+    fn next_2d(&mut self) -> Vec2 {
+        Sampler::next_2d(self)
+    }
+}
+
 /// Hashes of the first dimensions.
 const DIMENSIONS: [u64; 64] = {
     let mut table = [0; 64];

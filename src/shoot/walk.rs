@@ -11,7 +11,7 @@ use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, SurfaceInteraction};
 use crate::math::{Vec2, Vec3};
 use crate::photon::{Photon, PhotonClass, PhotonRecord};
-use crate::sample::{Key, Purpose, Sampler, Sequence, hash_u64};
+use crate::sample::{Key, Numbers, Purpose, Sampler, Sequence, hash_u64};
 use crate::scene::Scene;
 use crate::tally::Counters;
 
@@ -98,10 +98,10 @@ const NEAR_TRIANGLES: u64 = 1 << 15;
 
 /// A photon under way.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Flight {
+pub(super) struct Flight<N = Sampler> {
     ray: Ray,
     pub flux: Rgb,
-    pub sampler: Sampler,
+    pub sampler: N,
     /// Its path: the number, and the key of its random bits.
     index: u64,
     path: Key,
@@ -122,13 +122,13 @@ pub(super) struct Stamp {
     pub bits: u64,
 }
 
-impl Flight {
+impl<N> Flight<N> {
     /// Not under way.
-    fn none(sequence: Sequence, key: Key) -> Self {
+    fn none(sampler: N, key: Key) -> Self {
         Self {
             ray: Ray::new(Vec3::ZERO, Vec3::Z),
             flux: Rgb::BLACK,
-            sampler: Sampler::new(sequence, key, 0),
+            sampler,
             index: 0,
             path: key,
             first: u32::MAX,
@@ -193,7 +193,19 @@ impl Deposit {
 
     /// Follows photon path `index` from its light to its end. Returns where it started, if it did.
     pub fn trace(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, index: u64) -> Option<Start> {
-        let mut flight = Flight::none(self.walk.sequence, key);
+        self.trace_with(scene, guide, Sampler::new(self.walk.sequence, key, index), key, index)
+    }
+
+    /// As [`Deposit::trace`] by other numbers than the path's own; those that round powers stay the path's.
+    pub(super) fn trace_with<N: Numbers>(
+        &mut self,
+        scene: &Scene,
+        guide: Option<&Guide>,
+        numbers: N,
+        key: Key,
+        index: u64,
+    ) -> Option<Start> {
+        let mut flight = Flight::none(numbers, key);
         let (start, mut flies) = self.emit(scene, guide, key, index, &mut flight)?;
         while flies {
             let hit = scene.hit(&mut flight.ray);
@@ -203,14 +215,14 @@ impl Deposit {
     }
 
     /// Follows the photon paths `indices`, many at a time, with the photons that [`Deposit::trace`] of one after the other
-    /// stores, in the same order.
+    /// stores, in the same order. Returns how many of all photons here each path and those before it have stored.
     ///
     /// A photon's way from hit to hit is one long chain of steps that depend on each other, and on a large mesh half of their
     /// time is waiting for the triangle that was hit. Many under way at a time wait together.
-    pub fn trace_all(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) {
+    pub fn trace_all(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) -> Vec<u32> {
         let first = indices.start;
         let mut waiting = indices.clone();
-        let (mut wave, mut len) = ([Flight::none(self.walk.sequence, key); WAVE], WAVE);
+        let (mut wave, mut len) = ([Flight::none(Sampler::new(self.walk.sequence, key, 0), key); WAVE], WAVE);
         let mut hits = [None; WAVE];
         let mut lanes = Lanes::new(self.walk.rr_depth);
         let far = scene.stats.triangles > NEAR_TRIANGLES;
@@ -221,6 +233,7 @@ impl Deposit {
             // Let a photon start in the place of each that has ended; close the gaps when there are no more.
             while let Some(&slot) = ended.last() {
                 let Some(index) = waiting.next() else { break };
+                wave[slot].sampler = Sampler::new(self.walk.sequence, key, index);
                 if let Some((_, true)) = self.emit(scene, guide, key, index, &mut wave[slot]) {
                     ended.pop();
                 }
@@ -260,21 +273,23 @@ impl Deposit {
             lanes.clear();
         }
         lanes.add_to(&mut self.balance);
-        sort_by_owner(&mut self.photons[before..], &owners, (indices.end - first) as usize);
+        let mut ends = sort_by_owner(&mut self.photons[before..], &owners, (indices.end - first) as usize);
+        ends.iter_mut().for_each(|end| *end += before as u32);
+        ends
     }
 
-    /// Starts photon path `index` into `flight`: where, and whether its photon is on its way, which one that carries nothing
-    /// is not.
+    /// Starts photon path `index` by the numbers of `flight`, into it: where, and whether its photon is on its way, which one
+    /// that carries nothing is not.
     #[inline(always)]
-    fn emit(
+    fn emit<N: Numbers>(
         &mut self,
         scene: &Scene,
         guide: Option<&Guide>,
         key: Key,
         index: u64,
-        flight: &mut Flight,
+        flight: &mut Flight<N>,
     ) -> Option<(Start, bool)> {
-        let mut sampler = Sampler::new(self.walk.sequence, key, index);
+        let sampler = &mut flight.sampler;
         // Emit from a light chosen at random.
         let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
         let start = match guide {
@@ -297,7 +312,6 @@ impl Deposit {
         EnergyBalance::add(&mut self.balance.emitted, flux);
         flight.ray = scene.from_light(le.ray);
         flight.flux = flux;
-        flight.sampler = sampler;
         (flight.index, flight.path, flight.first, flight.depth) = (index, key.with(index), u32::MAX, 0);
         (flight.specular_chain, flight.scattered) = (true, false);
         Some((start, true))
@@ -305,7 +319,7 @@ impl Deposit {
 
     /// Stores and scatters a photon where its ray has ended. False when its path ends there.
     #[inline(always)]
-    fn land(&mut self, scene: &Scene, flight: &mut Flight, hit: Option<Hit>) -> bool {
+    fn land<N: Numbers>(&mut self, scene: &Scene, flight: &mut Flight<N>, hit: Option<Hit>) -> bool {
         self.counters.photon_rays += 1;
         let Some(hit) = hit else {
             EnergyBalance::add(&mut self.balance.escaped, flight.flux);
@@ -368,13 +382,19 @@ impl Deposit {
 
     /// Whether a path has its full length.
     #[inline(always)]
-    fn is_cut(&self, flight: &Flight) -> bool {
+    fn is_cut<N>(&self, flight: &Flight<N>) -> bool {
         self.walk.max_depth.is_some_and(|d| flight.depth >= d)
     }
 
     /// Stores and scatters a photon at a surface. False when its path ends there.
     #[inline(never)]
-    fn scatter(&mut self, scene: &Scene, flight: &mut Flight, si: &SurfaceInteraction, bsdf: &Bsdf) -> bool {
+    fn scatter<N: Numbers>(
+        &mut self,
+        scene: &Scene,
+        flight: &mut Flight<N>,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+    ) -> bool {
         let before = flight.flux;
         // Store it where the surface has lobes that photons estimate.
         let lobes = bsdf.lobes();
@@ -427,7 +447,7 @@ impl Deposit {
 
     /// Whether the kind of map being made wants a photon with this history.
     #[inline]
-    fn wants(&self, flight: &Flight) -> bool {
+    fn wants<N>(&self, flight: &Flight<N>) -> bool {
         match self.target {
             Target::Caustic => flight.specular_chain && flight.depth > 1,
             Target::Global => true,
@@ -436,7 +456,7 @@ impl Deposit {
     }
 
     #[inline]
-    fn store(&mut self, scene: &Scene, si: &SurfaceInteraction, flight: &Flight) {
+    fn store<N>(&mut self, scene: &Scene, si: &SurfaceInteraction, flight: &Flight<N>) {
         let (power, Stamp { class, mark, bits }) = (flight.flux, flight.stamp());
         let side = si.wo.dot(si.ng) > 0.0;
         let record = PhotonRecord { p: si.p, power, wi: si.wo, side, normal: si.ng, class, mark };
@@ -455,8 +475,8 @@ impl Deposit {
     }
 }
 
-/// Puts photons into the order of the paths that stored them, those of one path as they are.
-fn sort_by_owner(photons: &mut [Photon], owners: &[u32], paths: usize) {
+/// Puts photons into the order of the paths that stored them, those of one path as they are. Returns where each path's end.
+fn sort_by_owner(photons: &mut [Photon], owners: &[u32], paths: usize) -> Vec<u32> {
     let mut next = vec![0u32; paths + 1];
     for &o in owners {
         next[o as usize + 1] += 1;
@@ -469,4 +489,6 @@ fn sort_by_owner(photons: &mut [Photon], owners: &[u32], paths: usize) {
         photons[next[o as usize] as usize] = *photon;
         next[o as usize] += 1;
     }
+    next.truncate(paths);
+    next
 }
