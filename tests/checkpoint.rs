@@ -100,6 +100,30 @@ fn pass_ranges_merge_to_the_whole() {
     f.fails(&format!("{RENDER} --resume a.ckpt -o x.pfm"), 2, &["damaged"]);
 }
 
+/// Chains of photon paths begin anew in every pass, tuned by the first pass's view whichever passes a machine makes: a
+/// resumed run has the bits of an unbroken one, and ranges of passes merge.
+#[test]
+fn chains_of_photon_paths_resume_and_merge() {
+    let chains = "<integrator type=\"ppm\"><string name=\"photon_sampling\" value=\"visibility\"/></integrator>";
+    let f = Folder::new(&SCENE.replace("<integrator type=\"ppm\"/>", chains));
+    let render = "render scene.xml -q --passes 8 --photons 2000 --threads 2";
+    f.succeeds(&format!("{render} -o whole.pfm"));
+    for (range, name) in [("0..3", "a"), ("3..8", "b")] {
+        f.succeeds(&format!("{render} --pass-range {range} -o part.pfm --checkpoint {name}.ckpt"));
+    }
+    f.succeeds(&format!("{render} --resume a.ckpt -o resumed.pfm"));
+    assert_eq!(f.bytes("whole.pfm"), f.bytes("resumed.pfm"));
+    f.succeeds("merge b.ckpt a.ckpt -o merged.pfm");
+    for (a, b) in f.image("whole.pfm").pixels().iter().zip(f.image("merged.pfm").pixels()) {
+        for (a, b) in a.to_array().into_iter().zip(b.to_array()) {
+            assert!((a - b).abs() <= 1e-6 * a.abs(), "{a} against {b}");
+        }
+    }
+    // Photons that are sampled in another way are another plan.
+    std::fs::write(f.path("scene.xml"), SCENE).expect("a temporary file");
+    f.fails(&format!("{render} --resume a.ckpt -o x.pfm"), 2, &["another scene"]);
+}
+
 #[test]
 fn the_image_so_far_is_written_meanwhile() {
     let f = Folder::new(SCENE);

@@ -63,6 +63,15 @@ fn same_bits_for_any_number_of_threads() {
 }
 
 #[test]
+fn same_bits_from_chains_of_photon_paths() {
+    let chains = "<integrator type=\"sppm\"><string name=\"photon_sampling\" value=\"visibility\"/></integrator>";
+    let text = BOX.replace("<sensor", &format!("{chains}<sensor"));
+    for accel in backends() {
+        same_bits(&text, accel, "sppm");
+    }
+}
+
+#[test]
 fn same_bits_from_the_irradiance_cache() {
     let cached = "<integrator type=\"photonmapper\"><boolean name=\"irradiance_cache\" value=\"true\"/></integrator>";
     let text = BOX.replace("type=\"plastic\"", "type=\"diffuse\"").replace("<sensor", &format!("{cached}<sensor"));

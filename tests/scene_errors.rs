@@ -279,6 +279,25 @@ const CASES: &[Case] = &[
         37,
         &["unknown cache_metric \"hesian\"", "did you mean \"hessian\"?"],
     ),
+    (
+        "<integrator type=\"sppm\"><string name=\"photon_sampling\" value=\"visibilty\"/></integrator>",
+        2,
+        25,
+        &["unknown photon_sampling \"visibilty\"", "did you mean \"visibility\"?"],
+    ),
+    (
+        "<integrator type=\"vcm\"><string name=\"photon_sampling\" value=\"visibility\"/></integrator>",
+        2,
+        24,
+        &["the integrator plugin \"vcm\" has no parameter \"photon_sampling\""],
+    ),
+    (
+        "<integrator type=\"sppm\"><string name=\"photon_sampling\" value=\"visibility\"/>\n\
+         <boolean name=\"chi_squared_radius\" value=\"true\"/></integrator>",
+        3,
+        1,
+        &["\"chi_squared_radius\" with photon_sampling", "not independent"],
+    ),
     ("<integrator type=\"path\"/>\n<integrator type=\"path\"/>", 3, 1, &["a second <integrator>", "only one"]),
     ("<include filename=\"loop.xml\"/>", 1, 33, &["loop.xml", "\"loop.xml\" includes itself", "remove one"]),
     ("<include filename=\"none.xml\"/>", 2, 10, &["file \"none.xml\" not found", "looked in"]),

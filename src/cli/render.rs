@@ -229,6 +229,17 @@ fn print_summary(scene: &Scene, s: &Summary, seconds: f64, loaded: f64, outputs:
         ));
         print_aimed(&scene.photon_aims, m);
     }
+    for c in &s.chains {
+        print(&format!(
+            "{:<18} {:.2e} of {} uniform paths seen; {} chains of {} mutations, {:.0} % accepted",
+            format!("{} chains", c.name),
+            c.visible,
+            human(c.uniform as f64),
+            c.chains,
+            c.mutations,
+            100.0 * c.acceptance
+        ));
+    }
     print(&format!(
         "memory             {} geometry, {} ray queries, {} photons",
         bytes(scene.geometry.memory()),

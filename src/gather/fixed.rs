@@ -5,14 +5,21 @@ use super::photons::{MIN_NORMAL_COS, SCRATCH, above_horizon, flux_cosine};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
-use crate::math::{Frame, INV_PI};
-use crate::photon::{Kernel, PhotonMap};
+use crate::math::{Frame, INV_PI, Vec3};
+use crate::photon::{Flags, Kernel, PhotonMap};
 use crate::tally::Counters;
 
 /// A photon map that is read within given radii.
 pub struct RadiusMap {
     map: PhotonMap,
     kernel: Kernel,
+}
+
+/// Whether an estimate on `side` of a surface, or on both, takes in a photon with these flags: it arrived on that side, on a
+/// surface with about the same normal.
+#[inline]
+pub fn takes_in(photon: Flags, side: Option<bool>, ng: Vec3) -> bool {
+    side.is_none_or(|s| photon.side() == s) && photon.normal().dot(ng) > MIN_NORMAL_COS
 }
 
 /// A density estimate within a given radius.
@@ -99,7 +106,7 @@ impl RadiusMap {
         SCRATCH.with_borrow_mut(|scratch| {
             self.map.within(si.p, r_sq, scratch, |i, d_sq| {
                 let flags = self.map.flags(i);
-                if side.is_some_and(|s| flags.side() != s) || flags.normal().dot(si.ng) <= MIN_NORMAL_COS {
+                if !takes_in(flags, side, si.ng) {
                     return;
                 }
                 let term = term(i);

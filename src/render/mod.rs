@@ -20,7 +20,7 @@ pub use forecast::Forecast;
 pub use pass::render_pass;
 pub use plan::{METHODS, Method, Plan, PlanError, PlanOverrides};
 pub use session::Session;
-pub use summary::{ClampSummary, MapSummary, Phase, Summary};
+pub use summary::{ChainSummary, ClampSummary, MapSummary, Phase, Summary};
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};

@@ -4,7 +4,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use crate::accel::{self, Task};
+use crate::camera::FilmWindow;
 use crate::film::{Film, FilmTile};
+use crate::integrator::sppm::{Sighting, Sppm};
 use crate::integrator::{CameraSample, Integrator};
 use crate::math::Vec2;
 use crate::sample::{Key, Purpose, Sampler};
@@ -80,6 +82,33 @@ impl<I: Integrator> Task for Tile<'_, I> {
         }
         (tile, counters)
     }
+}
+
+/// Where the camera samples `samples` of every pixel will read photons, as `recipe` says.
+pub(super) fn sightings(
+    scene: &Scene,
+    recipe: &Sppm,
+    seed: u64,
+    samples: Range<u64>,
+    counters: &mut Counters,
+) -> Vec<Sighting> {
+    let key = Key::new(seed, Purpose::Camera, 0);
+    let FilmWindow { crop_offset: (ox, oy), crop_size: (w, h), .. } = scene.camera.window();
+    let row = |y: u32| {
+        let (mut found, mut counters) = (Vec::new(), Counters::default());
+        for (x, index) in (ox..ox + w).flat_map(|x| samples.clone().map(move |index| (x, index))) {
+            let (_, sample, mut sampler) = camera_sample(scene, pixel_key(key, (x, y)), (x, y), index);
+            recipe.sightings(scene, &sample, &mut sampler, &mut counters, &mut found);
+        }
+        (found, counters)
+    };
+    let rows: Vec<_> = (oy..oy + h).into_par_iter().map(row).collect();
+    let mut all = Vec::with_capacity(rows.iter().map(|r| r.0.len()).sum());
+    for (found, c) in rows {
+        all.extend_from_slice(&found);
+        *counters += c;
+    }
+    all
 }
 
 /// The key of a pixel's samples.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use super::auto::AUTO;
 use crate::gather::cache::{CacheMetric, CacheSettings};
 use crate::gather::{AreaSettings, LookupSettings};
+use crate::integrator::sppm::PhotonSampling;
 use crate::integrator::vcm::Merging;
 use crate::integrator::{Direct, Layer, MaxDepth, Path, PhotonMapperSettings, SppmSettings, VcmSettings};
 use crate::photon::MapFile;
@@ -296,6 +297,10 @@ fn sppm(scene: &Scene, own: bool, photons: Option<u64>) -> SppmSettings {
         caustics: true,
         indirect: true,
         guided_emission: true,
+        photon_sampling: match s.string("photon_sampling").filter(|_| own) {
+            Some("visibility") => PhotonSampling::Visibility,
+            _ => PhotonSampling::Independent,
+        },
     }
 }
 

@@ -2,15 +2,17 @@
 
 use std::ops::Range;
 
-use super::{Control, Session, render_pass};
+use super::pass::sightings;
+use super::{ChainSummary, Control, Session, render_pass};
 use crate::film::Film;
 use crate::gather::{NARROW, RadiusMap};
 use crate::integrator::sppm::{
-    KINDS, PILOT_PASS, PassMaps, Radii, SharedStatistics, Sppm, SppmSettings, radius_sq_ratio,
+    KINDS, PILOT_PASS, PassMaps, PhotonSampling, Radii, SharedStatistics, Sighting, Sightings, Sppm, SppmSettings,
+    radius_sq_ratio,
 };
 use crate::photon::{Kernel, PhotonMap};
 use crate::scene::Item;
-use crate::shoot::{Emission, Target};
+use crate::shoot::{Chains, Emission, Shot, Target};
 use crate::tally::Counters;
 
 /// What progressive photon mapping keeps from pass to pass.
@@ -24,7 +26,15 @@ pub(super) struct Progressive {
 }
 
 /// By the position of the target among those of the settings.
-type PassEmission = [Emission; KINDS];
+type PassEmission = [TargetEmission; KINDS];
+
+/// How one kind of photons is emitted.
+#[derive(Clone, Default)]
+struct TargetEmission {
+    emission: Emission,
+    /// Where photon paths are sampled by what is seen of them.
+    chains: Chains,
+}
 
 impl Session<'_> {
     /// Shoots and balances the photons of one pass, then takes its camera samples. Where bias is tracked, returns what the
@@ -38,21 +48,23 @@ impl Session<'_> {
         report: &(dyn Fn(f64) + Sync),
     ) -> (Counters, Option<Film>) {
         self.prepare_progressive(settings, control);
-        let emitted = self.progressive.as_ref().map_or_else(PassEmission::default, |p| p.emitted.clone());
-        let maps = self.pass_maps(settings, self.next, &emitted, control);
-        control.progress.phase("render");
         let (scene, seed) = (self.scene, self.plan.seed);
-        let kept = self.progressive.as_mut().expect("prepared above");
+        let mut kept = self.progressive.take().expect("prepared above");
         let found = kept.shared.as_ref().map(SharedStatistics::begin);
-        let recipe = Sppm {
+        let nothing = PassMaps::default();
+        let mut recipe = Sppm {
             settings: *settings,
-            maps: &maps,
+            maps: &nothing,
             radii: &kept.radii,
             shrink: radius_sq_ratio(self.next, settings.alpha) as f32,
             read: 1.0,
             shared: kept.shared.as_ref().zip(found.as_ref()),
             visible_lights: scene.lights.iter().any(|l| !l.is_delta()),
         };
+        let seen = self.look_ahead(settings, &recipe, samples.clone(), control);
+        let maps = self.pass_maps(settings, self.next, &kept.emitted, seen.as_deref(), control);
+        recipe.maps = &maps;
+        control.progress.phase("render");
         let range = samples.clone();
         let mut counters = self.summary.time("render", || render_pass(scene, &recipe, film, seed, range, report));
         let narrow = self.plan.tells_bias(self.next).then(|| {
@@ -67,7 +79,26 @@ impl Session<'_> {
         if let (Some(shared), Some(found)) = (&mut kept.shared, &found) {
             shared.update(found, settings.alpha);
         }
+        self.progressive = Some(kept);
         (counters, narrow)
+    }
+
+    /// Where a pass will read photons, if that is to decide where they are shot.
+    fn look_ahead(
+        &mut self,
+        settings: &SppmSettings,
+        recipe: &Sppm,
+        samples: Range<u64>,
+        control: &Control,
+    ) -> Option<Vec<Sighting>> {
+        if settings.photon_sampling != PhotonSampling::Visibility {
+            return None;
+        }
+        control.progress.phase("look ahead");
+        let (scene, seed, mut counters) = (self.scene, self.plan.seed, Counters::default());
+        let seen = self.summary.time("look ahead", || sightings(scene, recipe, seed, samples, &mut counters));
+        self.summary.counters += counters;
+        Some(seen)
     }
 
     /// Measures the first radii, unless that is done.
@@ -77,13 +108,14 @@ impl Session<'_> {
         }
         control.progress.phase("shoot photons");
         let mut emitted = PassEmission::default();
-        for (emission, target) in emitted.iter_mut().zip(settings.targets()) {
+        for (how, target) in emitted.iter_mut().zip(settings.targets()) {
             let shooting = settings.shoot_settings(self.plan.seed, PILOT_PASS, target, self.scene.sampler.sequence);
-            *emission = self.summary.time("shoot photons", || crate::shoot::plan_emission(self.scene, &shooting));
+            how.emission = self.summary.time("shoot photons", || crate::shoot::plan_emission(self.scene, &shooting));
         }
+        let seen = self.tune_chains(settings, &mut emitted, control);
         let pilot = match settings.initial_radius {
             Some(_) => PassMaps::default(),
-            None => self.pass_maps(settings, PILOT_PASS, &emitted, control),
+            None => self.pass_maps(settings, PILOT_PASS, &emitted, seen.as_deref(), control),
         };
         control.progress.phase("measure radii");
         let (scene, seed) = (self.scene, self.plan.seed);
@@ -93,27 +125,95 @@ impl Session<'_> {
         self.progressive = Some(Progressive { radii, emitted, shared });
     }
 
-    fn pass_maps(&mut self, settings: &SppmSettings, pass: u64, emitted: &PassEmission, control: &Control) -> PassMaps {
+    /// Tunes the chains by what the first pass sees with the largest radii, if there are to be chains. Returns what it sees.
+    fn tune_chains(
+        &mut self,
+        settings: &SppmSettings,
+        emitted: &mut PassEmission,
+        control: &Control,
+    ) -> Option<Vec<Sighting>> {
+        if settings.photon_sampling != PhotonSampling::Visibility {
+            return None;
+        }
+        let (scene, seed, nothing) = (self.scene, self.plan.seed, PassMaps::default());
+        // Whichever passes this machine makes, the chains are those of the first one.
+        let rough = SppmSettings {
+            boundary_correction: false,
+            shared_statistics: false,
+            chi_squared_radius: false,
+            ..*settings
+        };
+        let radii = Radii::measure(scene, &rough, &nothing, seed);
+        let recipe = Sppm {
+            settings: rough,
+            maps: &nothing,
+            radii: &radii,
+            shrink: 1.0,
+            read: 1.0,
+            shared: None,
+            visible_lights: true,
+        };
+        let seen = self.look_ahead(settings, &recipe, self.plan.samples_of(0), control)?;
+        control.progress.phase("tune chains");
+        for (how, target) in emitted.iter_mut().zip(settings.targets()) {
+            let shooting = settings.shoot_settings(seed, PILOT_PASS, target, scene.sampler.sequence);
+            let counters = self.summary.time("tune chains", || {
+                let points = Sightings::new(&seen, kind_of(target));
+                let (chains, counters) =
+                    crate::shoot::tune(scene, &shooting, &how.emission, &|photon: &_| points.see(photon));
+                how.chains = chains;
+                counters
+            });
+            self.summary.counters += counters;
+            self.summary.chains.push(ChainSummary::new(target, &how.chains));
+        }
+        Some(seen)
+    }
+
+    /// The maps of one pass; with `seen`, only of photons that somebody sees.
+    fn pass_maps(
+        &mut self,
+        settings: &SppmSettings,
+        pass: u64,
+        emitted: &PassEmission,
+        seen: Option<&[Sighting]>,
+        control: &Control,
+    ) -> PassMaps {
         let (scene, summary) = (self.scene, &mut self.summary);
         let mut maps = PassMaps::default();
         let directions = self.plan.needs.wants(Item::Directions);
-        for (target, emission) in settings.targets().zip(emitted) {
+        for (target, how) in settings.targets().zip(emitted) {
             control.progress.phase("shoot photons");
             let shooting = settings.shoot_settings(self.plan.seed, pass, target, scene.sampler.sequence);
-            let shot = summary.time("shoot photons", || crate::shoot::shoot_paths(scene, &shooting, emission));
+            let shoot = || -> Shot {
+                let Some(seen) = seen else { return crate::shoot::shoot_paths(scene, &shooting, &how.emission) };
+                let points = Sightings::new(seen, kind_of(target));
+                crate::shoot::shoot_visible(scene, &shooting, &how.emission, &how.chains, &|photon: &_| {
+                    points.see(photon)
+                })
+            };
+            let shot = summary.time("shoot photons", shoot);
             if pass != PILOT_PASS {
                 summary.add_shot(target, &shot);
             }
             control.progress.phase("balance map");
             let map = summary.time("balance map", || PhotonMap::build_with(shot.photons, directions));
             let map = RadiusMap::new(map, Kernel::Epanechnikov);
-            match target {
-                Target::Caustic => maps.caustic = map,
-                Target::Global | Target::Indirect => maps.indirect = map,
+            match kind_of(target) {
+                0 => maps.caustic = map,
+                _ => maps.indirect = map,
             }
         }
         summary.photon_memory = summary.photon_memory.max(maps.memory());
         maps
+    }
+}
+
+/// The number of a kind of photons in [`PassMaps::kind`].
+fn kind_of(target: Target) -> usize {
+    match target {
+        Target::Caustic => 0,
+        Target::Global | Target::Indirect => 1,
     }
 }
 

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::Plan;
 use crate::film::Film;
-use crate::shoot::{AimCounts, EnergyBalance, Shot, Target};
+use crate::shoot::{AimCounts, Chains, EnergyBalance, Shot, Target};
 use crate::tally::Counters;
 
 /// Seconds spent in one phase, all passes together.
@@ -26,6 +26,28 @@ pub struct MapSummary {
     pub energy_error: f64,
     /// What the scene file asks to aim at, counted.
     pub aimed: AimCounts,
+}
+
+/// How photon paths are sampled by what is seen of them; found by a pilot and the same for every pass.
+#[derive(Clone, Debug, Serialize)]
+pub struct ChainSummary {
+    pub name: &'static str,
+    /// Fraction of the uniform photon paths that bring light to a point that is seen.
+    pub visible: f64,
+    /// Uniform paths of a pass, its chains, and the mutations of each.
+    pub uniform: u64,
+    pub chains: u64,
+    pub mutations: u64,
+    /// Size of mutations (`s` in `u ± ξ^(1/s + 1)`) and the share of them that is accepted.
+    pub size: f64,
+    pub acceptance: f64,
+}
+
+impl ChainSummary {
+    pub(super) fn new(target: Target, c: &Chains) -> Self {
+        let Chains { visible, uniform, chains, mutations, size, acceptance, .. } = *c;
+        Self { name: target.name(), visible, uniform, chains, mutations, size, acceptance }
+    }
 }
 
 /// What the firefly clamp did.
@@ -57,6 +79,8 @@ pub struct Summary {
     pub passes: u64,
     pub phases: Vec<Phase>,
     pub maps: Vec<MapSummary>,
+    /// Empty where photon paths know nothing of each other.
+    pub chains: Vec<ChainSummary>,
     pub counters: Counters,
     /// Bytes of the largest set of photon maps held at once.
     pub photon_memory: usize,

@@ -2,15 +2,18 @@
 
 mod aimed;
 mod balance;
+mod chain;
 mod guide;
 mod lanes;
 #[cfg(test)]
 mod tests;
+mod visible;
 mod walk;
 
 pub use aimed::AimCounts;
 pub use balance::EnergyBalance;
 pub use guide::Guide;
+pub use visible::{Chains, shoot_visible, tune};
 pub use walk::{Deposit, MANY_EDGES, Start, Target, WalkSettings, survival};
 
 use std::sync::Arc;
@@ -60,7 +63,7 @@ impl Emission {
 #[derive(Debug, Default)]
 pub struct Shot {
     pub photons: Vec<Photon>,
-    /// Photon paths emitted; every stored power is already divided by it.
+    /// Photon paths emitted; every stored power is already divided by it. With chains, the mutated ones among them.
     pub emitted: u64,
     pub balance: EnergyBalance,
     /// Photons that could not be stored because a value was not finite or out of range.

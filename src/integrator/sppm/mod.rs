@@ -16,16 +16,26 @@
 //! surface ([`Patch::share`]), at the first point of a camera path where photons are read. Which pixels that concerns the
 //! pilot finds ([`Clearing`](crate::gather::Clearing)); the others' bits do not change.
 //!
+//! With `photon_sampling` = `visibility` a pass first follows its camera paths to where photons will be read, then samples
+//! photon paths by whether one of their photons is read there ([`shoot_visible`](crate::shoot::shoot_visible)), and follows
+//! its camera paths again. It pays where few photons come to what the picture shows; where most do, it costs the second look.
+//!
+//! `vcm` has no such sampling. Its light paths do more than merge: each vertex is also joined to camera paths and to the
+//! lens, so that nearly all of them are seen; and its weights compare densities of techniques, while that of a path that a
+//! chain finds is known up to a factor only, b, which would have to be estimated before the weights, not beside the sum.
+//!
 //! Under a depth limit the photons' paths are as long as fits a camera path of one edge; what the camera sees through
 //! specular surfaces may then be longer by the edges of that chain.
 
 mod evenness;
 mod radii;
 mod schedule;
+mod sights;
 
 pub(crate) use evenness::{Evenness, NUMBERS as EVENNESS_NUMBERS};
 pub use radii::{FoundPhotons, KINDS, PixelRadii, Radii, SharedStatistics};
 pub use schedule::{SharedRadius, radius_sq_ratio};
+pub use sights::{Sighting, Sightings};
 
 use super::lobe_walk::LobeWalk;
 use super::{CameraSample, Integrator, MaxDepth};
@@ -37,6 +47,17 @@ use crate::sample::{Sampler, Sequence};
 use crate::scene::Scene;
 use crate::shoot::{ShootSettings, Target, WalkSettings};
 use crate::tally::Counters;
+
+/// Which photon paths a pass traces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PhotonSampling {
+    /// Paths that know nothing of each other.
+    #[default]
+    Independent,
+    /// Markov chains among the paths with photons that the pass's camera paths see
+    /// ([`shoot_visible`](crate::shoot::shoot_visible)).
+    Visibility,
+}
 
 /// Parameters of `ppm` and `sppm`, named as in Mitsuba 0.6.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +93,8 @@ pub struct SppmSettings {
     pub indirect: bool,
     /// Aim the emission of caustic photons at what focuses light.
     pub guided_emission: bool,
+    /// Which photon paths are traced.
+    pub photon_sampling: PhotonSampling,
 }
 
 /// The maps of a pass, and the pass number of the pilot, that no pass of a picture has.
@@ -144,10 +167,8 @@ pub struct Sppm<'a> {
 impl Integrator for Sppm<'_> {
     fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
         let pixel = self.radii.index(sample.pixel);
-        let s = &self.settings;
-        let walk = LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters };
-        let mut first = s.boundary_correction;
-        walk.radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
+        let mut first = self.settings.boundary_correction;
+        self.walk().radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
             let ends = std::mem::take(&mut first).then_some((scene, *sampler));
             let direct = self.direct(scene, at.si, at.bsdf, sampler, counters);
             direct + self.photons(pixel, at.si, at.bsdf, ends, counters)
@@ -156,6 +177,22 @@ impl Integrator for Sppm<'_> {
 }
 
 impl Sppm<'_> {
+    fn walk(&self) -> LobeWalk {
+        let s = &self.settings;
+        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters }
+    }
+
+    /// Squared radius within which a pixel is read in this pass, scene units.
+    #[inline]
+    fn radius_sq(&self, pixel: usize, kind: usize) -> f32 {
+        let radii = self.radii.pixel(pixel);
+        let r_sq = match self.shared {
+            None => radii.first_sq[kind] * self.shrink,
+            Some((shared, _)) => shared.pixels[pixel][kind].radius_sq,
+        };
+        r_sq.max(radii.floor_sq) * self.read
+    }
+
     /// Light that comes straight from a light, by one shadow ray and one ray that the lobes choose.
     fn direct(
         &self,
@@ -187,15 +224,10 @@ impl Sppm<'_> {
         ends: Option<(&Scene, Sampler)>,
         counters: &mut Counters,
     ) -> Rgb {
-        let radii = self.radii.pixel(pixel);
         let mut sum = Rgb::BLACK;
         for kind in 0..KINDS {
             let Some(map) = self.maps.kind(kind) else { continue };
-            let r_sq = match self.shared {
-                None => radii.first_sq[kind] * self.shrink,
-                Some((shared, _)) => shared.pixels[pixel][kind].radius_sq,
-            };
-            let r_sq = r_sq.max(radii.floor_sq) * self.read;
+            let r_sq = self.radius_sq(pixel, kind);
             let mut bins = None;
             let mut estimate = match self.shared {
                 Some((shared, _)) if shared.tests() => {

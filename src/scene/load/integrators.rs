@@ -106,6 +106,7 @@ const PROGRESSIVE: Params = &[
     ("shared_statistics", Switch),
     ("chi_squared_radius", Switch),
     ("boundary_correction", Switch),
+    ("photon_sampling", Word(&["independent", "visibility"])),
 ];
 
 /// Integrators of Mitsuba that are known and not here.
@@ -149,6 +150,12 @@ pub(super) fn integrator(q: Query) -> Result<IntegratorSettings, SceneError> {
     if settings.boolean("chi_squared_radius") == Some(true) && settings.boolean("shared_statistics") == Some(false) {
         return Err(q.error_at("chi_squared_radius", "\"chi_squared_radius\" without \"shared_statistics\"").help(
             "radii that follow a test of all photons found so far need statistics: leave shared_statistics out",
+        ));
+    }
+    if settings.boolean("chi_squared_radius") == Some(true) && settings.string("photon_sampling") == Some("visibility")
+    {
+        return Err(q.error_at("chi_squared_radius", "\"chi_squared_radius\" with photon_sampling \"visibility\"").help(
+            "photons of Markov chains are not independent, so that a test would find them uneven: leave one of the two out",
         ));
     }
     q.finish()?;
