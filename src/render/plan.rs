@@ -385,13 +385,11 @@ fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u6
 
 fn cache(s: &IntegratorSettings) -> CacheSettings {
     let d = CacheSettings::default();
-    let gradients = s.boolean("gradients").unwrap_or(d.gradients);
-    let metric = if gradients { d.metric } else { CacheMetric::SplitSphere };
     CacheSettings {
         resolution: s.integer("resolution").map_or(d.resolution, |v| v.clamp(2, 1024) as u32),
         quality: s.float("quality").unwrap_or(d.quality),
-        metric: CacheMetric::NAMES.iter().find(|n| Some(n.0) == s.string("cache_metric")).map_or(metric, |n| n.1),
-        gradients,
+        metric: CacheMetric::NAMES.iter().find(|n| Some(n.0) == s.string("cache_metric")).map_or(d.metric, |n| n.1),
+        gradients: s.boolean("gradients").unwrap_or(d.gradients),
         clamp_neighbor: s.boolean("clamp_neighbor").unwrap_or(d.clamp_neighbor),
         clamp_screen: s.boolean("clamp_screen").unwrap_or(d.clamp_screen),
     }

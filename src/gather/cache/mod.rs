@@ -21,9 +21,10 @@ use octree::Octree;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CacheMetric {
     /// The harmonic mean of the distances of what it sees [Ward et al. 1988], less where the gradient is steep.
-    SplitSphere,
-    /// How much irradiance bends, by its second derivatives with occlusion [Schwarzhaupt et al. 2012].
     #[default]
+    SplitSphere,
+    /// How much irradiance bends, by its second derivatives with occlusion [Schwarzhaupt et al. 2012]: the error that gradients
+    /// leave. Better where records are few.
     Hessian,
 }
 
@@ -39,8 +40,7 @@ pub struct CacheSettings {
     pub resolution: u32,
     /// Records are valid over a distance that this divides.
     pub quality: f32,
-    /// What says how far records are good. Without gradients, `SplitSphere` unless the scene file says otherwise: the other
-    /// measures the error that gradients leave.
+    /// What says how far records are good.
     pub metric: CacheMetric,
     /// Interpolate with gradients.
     pub gradients: bool,
@@ -61,8 +61,8 @@ impl Default for CacheSettings {
 const REACH: f32 = 0.5;
 
 /// The error that a record of the Hessian metric makes over its whole reach, relative to its irradiance times the area of a
-/// square of unit side; divided by the fourth power of the quality. At quality 1 the Cornell box has as many records as by
-/// [`CacheMetric::SplitSphere`].
+/// square of unit side; divided by the fourth power of the quality. At quality 1 the Cornell box has about as many records as
+/// by [`CacheMetric::SplitSphere`].
 const TOTAL_ERROR: f64 = 1e-3;
 
 /// Least and greatest reach of a record on the screen, in pixels.
