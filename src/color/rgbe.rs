@@ -35,7 +35,7 @@ pub fn pack(c: Rgb, hash: u64) -> Option<[u8; 4]> {
 #[inline(always)]
 pub fn pack_word(c: Rgb, hash: u64) -> Option<u32> {
     // Written so that a NaN fails the test.
-    let fits = |v: f32| (v >= 0.0) & (v <= RGBE_MAX);
+    let fits = |v: f32| (0.0..=RGBE_MAX).contains(&v);
     if !(fits(c.r) & fits(c.g) & fits(c.b)) {
         return None;
     }

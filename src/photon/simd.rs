@@ -30,10 +30,9 @@ pub(crate) trait Simd: Copy {
         // No branch depends on a coordinate: every key changes places with the first that is not below, perhaps itself.
         let mut below = 0;
         for i in 0..keys.len() {
-            let key = keys[i];
-            keys[i] = keys[below];
-            keys[below] = key;
-            below += usize::from(key.p[axis] < t);
+            let is_below = keys[i].p[axis] < t;
+            keys.swap(i, below);
+            below += usize::from(is_below);
         }
         below
     }

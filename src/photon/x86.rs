@@ -81,7 +81,7 @@ static PARTED: [Lanes; 16] = {
         let (mut front, mut back, mut lane) = (0, (mask as u32).count_ones() as usize * 4, 0);
         while lane < 16 {
             let to = if mask >> (lane / 4) & 1 == 1 { &mut front } else { &mut back };
-            table[mask].0[*to] = lane as i32;
+            table[mask].0[*to] = lane;
             *to += 1;
             lane += 1;
         }

@@ -279,6 +279,7 @@ fn sppm(scene: &Scene, own: bool, photons: Option<u64>) -> SppmSettings {
     let integer = |name: &str| s.integer(name).filter(|_| own).and_then(|v| u64::try_from(v).ok()).filter(|&v| v > 0);
     let float = |name: &str| s.float(name).filter(|_| own);
     let pixels = (scene.film.width as u64 * scene.film.height as u64).clamp(16_384, 1 << 22);
+    let chi_squared_radius = s.boolean("chi_squared_radius").filter(|_| own).unwrap_or(false);
     SppmSettings {
         max_depth: max_depth(s),
         rr_depth: s.integer("rr_depth").unwrap_or(5).max(1) as u32,
@@ -292,11 +293,12 @@ fn sppm(scene: &Scene, own: bool, photons: Option<u64>) -> SppmSettings {
         clamp: (0.5, 4.0),
         radius_floor: float("radius_floor").unwrap_or(0.0),
         shared_statistics: s.boolean("shared_statistics").filter(|_| own).unwrap_or(false),
-        chi_squared_radius: s.boolean("chi_squared_radius").filter(|_| own).unwrap_or(false),
+        chi_squared_radius,
         boundary_correction: s.boolean("boundary_correction").filter(|_| own).unwrap_or(true),
         caustics: true,
         indirect: true,
-        guided_emission: true,
+        // Of photons that are aimed, numbers are uneven where their powers are not.
+        guided_emission: !chi_squared_radius,
         photon_sampling: match s.string("photon_sampling").filter(|_| own) {
             Some("visibility") => PhotonSampling::Visibility,
             _ => PhotonSampling::Independent,

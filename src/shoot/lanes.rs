@@ -352,8 +352,8 @@ mod tests {
             a.ns.set(i, (side + 0.5 * bent).normalize());
             a.flux.set_color(i, Rgb::new(s.next_1d(), 1e-3 * s.next_1d(), if i % 3 == 0 { 0.0 } else { 1.0 }));
             a.reflectance.set_color(i, Rgb::new(s.next_1d(), s.next_1d(), if i % 5 == 0 { 1.0 } else { 0.0 }));
-            (a.depth[i], a.bits[i], a.mark[i]) =
-                (i as u32 % 3, s.next_1d().to_bits() as u64 * 0x9e37_79b9_7f4a_7c15, i % 2 == 0);
+            (a.depth[i], a.mark[i]) = (i as u32 % 3, i % 2 == 0);
+            a.bits[i] = crate::sample::mix64(s.next_1d().to_bits() as u64);
             (a.u[0][i], a.u[1][i], a.u_roulette[i]) = (s.next_1d(), s.next_1d(), s.next_1d());
         }
         // Powers that cannot be stored or scattered.

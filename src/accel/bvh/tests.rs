@@ -379,7 +379,7 @@ fn between_triangles(rng: &mut Random, mesh: &TriangleMesh, scale: f32, i: usize
     let (u, v) = (rng.unit(), rng.unit());
     let o = at(a, u, v * (1.0 - u)) + [0.0, 1e-7, 1e-6, 0.3][i % 4] * scale * rng.vec3();
     let (u, v) = [(rng.unit(), 0.0), (0.0, 1.0), (0.3 * rng.unit(), 0.7 * rng.unit())][i % 3];
-    let tmax = if i % 5 == 0 { f32::INFINITY } else { 1.0 + ((i % 40) as f32 - 20.0) * f32::EPSILON };
+    let tmax = if i.is_multiple_of(5) { f32::INFINITY } else { 1.0 + ((i % 40) as f32 - 20.0) * f32::EPSILON };
     Ray::segment(o, at(b, u, v) - o, tmax)
 }
 

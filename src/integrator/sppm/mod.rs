@@ -83,7 +83,7 @@ pub struct SppmSettings {
     /// then depend on those before.
     pub shared_statistics: bool,
     /// Radii that shrink only where the photons that a pixel has found lie unevenly [Lin et al. 2020]; where a disc reaches
-    /// beyond the surface, by their number. Passes depend on those before.
+    /// beyond the surface, by their number. Passes depend on those before, and emission is not guided.
     pub chi_squared_radius: bool,
     /// Divide estimates by the share of their disc that is surface, where surfaces end.
     pub boundary_correction: bool,

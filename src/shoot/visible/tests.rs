@@ -93,7 +93,6 @@ fn chains_bring_the_light_that_uniform_paths_bring() {
             .collect();
         for (i, (truth, run)) in means(&truth).into_iter().zip(means(&runs)).enumerate() {
             let error = (truth.1.powi(2) + run.1.powi(2)).sqrt();
-            println!("{sequence:?}, part {i}: {truth:?}, {run:?}");
             assert!((truth.0 - run.0).abs() < 4.0 * error, "{sequence:?}, part {i}: {run:?}, not {truth:?}");
             assert!(run.1 < 0.08 * truth.0, "{sequence:?}, part {i}: {run:?}");
         }
