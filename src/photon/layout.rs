@@ -66,12 +66,6 @@ impl Layout {
         }
     }
 
-    /// The blocks at the end whose order turns by one place when they are put in the order of the buckets: the last of
-    /// them comes first.
-    pub fn turned_blocks(&self) -> std::ops::Range<usize> {
-        if self.cut { self.full..self.buckets } else { self.buckets - 1..self.buckets }
-    }
-
     /// The inverse of [`Layout::block_of_bucket`].
     fn bucket_of_block(&self, block: usize) -> usize {
         if block < self.full || !self.cut {

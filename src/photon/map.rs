@@ -1,9 +1,8 @@
 //! The balanced photon map.
 
-use super::build::Emitted;
-use super::layout::Layout;
+use super::build::Balanced;
+use super::layout::{BLOCK, Layout};
 use super::packed::{Flags, Photon, storable};
-use super::simd::Level;
 use super::{direction, heap};
 use crate::color::{Rgb, rgbe};
 use crate::math::{Bounds3, Vec3};
@@ -34,38 +33,8 @@ impl Positions {
     }
 }
 
-/// One block of all streams.
-pub(super) struct Block<'a> {
-    /// The lane of the first photon: that of block 0 has no place in lane 0.
-    first: usize,
-    /// As many x, then y, then z.
-    pub p: &'a mut [f32],
-    power: &'a mut [[u8; 4]],
-    direction: &'a mut [[u8; 2]],
-    flags: &'a mut [Flags],
-}
-
-impl Block<'_> {
-    /// Puts a photon into a lane.
-    pub fn set(&mut self, lane: usize, photon: &Photon) {
-        let lanes = self.p.len() / 3;
-        [self.p[lane], self.p[lane + lanes], self.p[lane + 2 * lanes]] = photon.position;
-        self.set_rest(lane, photon.power, photon.direction, photon.flags);
-    }
-
-    /// Puts all of a photon but its position into a lane.
-    #[inline(always)]
-    pub fn set_rest(&mut self, lane: usize, power: [u8; 4], direction: [u8; 2], flags: Flags) {
-        let at = lane - self.first;
-        (self.power[at], self.flags[at]) = (power, flags);
-        if let Some(to) = self.direction.get_mut(at) {
-            *to = direction;
-        }
-    }
-}
-
 /// The plane of an upper node, copied out of the streams so that the walk down touches one place.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub(crate) struct Split {
     pub at: f32,
     pub axis: u32,
@@ -105,73 +74,78 @@ impl PhotonMap {
 
     /// As [`PhotonMap::build`] for a map that is read only where light from all directions scatters alike: with
     /// `directions` false it keeps none, which saves two bytes a photon.
-    pub fn build_with(photons: Vec<Photon>, directions: bool) -> Self {
-        Self::build_at(Level::best(), photons, directions)
-    }
-
-    /// [`PhotonMap::build_with`] by the loops for one instruction set.
-    pub(crate) fn build_at(level: Level, photons: Vec<Photon>, directions: bool) -> Self {
-        let mut emitted = Emitted::new(photons);
-        let n = emitted.len();
-        let mut map = Self::vacant(n, directions);
-        (map.bounds, map.rejected) = (emitted.bounds, emitted.rejected);
-        let (layout, mut splits) = (map.layout, vec![Split::default(); map.layout.buckets]);
-
-        // The buckets are balanced into their blocks, which are taken in the buckets' order.
-        let mut blocks = map.blocks();
-        let turned = layout.turned_blocks();
-        blocks[turned.clone()].rotate_right(1);
-        let upper = emitted.balance(level, &mut blocks);
-
-        // Then the upper nodes, one into each block but the first.
-        blocks[turned].rotate_left(1);
-        let count = upper.len();
-        (blocks.par_iter_mut().zip(&mut splits).enumerate().skip(1).with_min_len(256)).for_each(
-            |(slot, (block, split))| {
-                *split = emitted.place(&upper[heap::rank(slot, count)], block);
-            },
-        );
-        drop(blocks);
-        map.splits = splits;
+    pub fn build_with(mut photons: Vec<Photon>, directions: bool) -> Self {
+        let given = photons.len();
+        let good = |p: &Photon| storable(Vec3::from_array(p.position));
+        if !photons.par_iter().with_min_len(1 << 14).all(good) {
+            photons.retain(good);
+        }
+        let rejected = (given - photons.len()) as u64;
+        let n = photons.len();
+        let balanced = Balanced::new(photons);
+        let mut map = Self::lay_out(n, directions, |slots, photons| {
+            let mut ranks = [0; BLOCK];
+            for (rank, &slot) in ranks.iter_mut().zip(slots) {
+                *rank = heap::rank(slot, n);
+            }
+            balanced.gather(&ranks[..slots.len()], photons);
+        });
+        map.rejected = rejected;
         map
     }
 
-    /// A map with room for n photons, all of them zero.
-    fn vacant(n: usize, directions: bool) -> Self {
+    /// A map of n photons; `fill` finds those of some slots, at most a block's.
+    fn lay_out(n: usize, directions: bool, fill: impl Fn(&[usize], &mut [Photon]) + Sync) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         assert!(u32::try_from(n).is_ok(), "a photon map holds at most 2^32 - 1 photons");
         let layout = Layout::new(n);
-        Self {
-            layout,
-            positions: Positions::new(&layout),
-            power: vec![[0; 4]; n],
-            direction: vec![[0; 2]; if directions { n } else { 0 }],
-            flags: bytemuck::zeroed_vec(n),
-            splits: Vec::new(),
-            bounds: Bounds3::EMPTY,
-            rejected: 0,
-            identity: NEXT.fetch_add(1, Ordering::Relaxed),
-        }
-    }
+        let mut positions = Positions::new(&layout);
+        let (mut power, mut flags) = (vec![[0; 4]; n], bytemuck::zeroed_vec(n));
+        let mut direction = vec![[0; 2]; if directions { n } else { 0 }];
 
-    /// The streams cut into blocks.
-    fn blocks(&mut self) -> Vec<Block<'_>> {
-        let (n, layout) = (self.len(), self.layout);
+        // A block at a time: its positions are one run of 3·lanes floats, its cold bytes one run of places.
+        let mut blocks = Vec::with_capacity(layout.buckets);
         let (mut p, mut c, mut d, mut f) =
-            (self.positions.as_mut_slice(), &mut self.power[..], &mut self.direction[..], &mut self.flags[..]);
-        let cut = |block| {
+            (positions.as_mut_slice(), &mut power[..], &mut direction[..], &mut flags[..]);
+        for block in 0..layout.buckets {
             let (start, lanes) = layout.block(block);
-            let first = usize::from(block == 0);
-            let used = lanes.min(n + 1 - start) - first;
-            Block {
-                first,
-                p: p.split_off_mut(..3 * lanes).expect("all places"),
-                power: c.split_off_mut(..used).expect("all photons"),
-                direction: d.split_off_mut(..used.min(d.len())).expect("at most all"),
-                flags: f.split_off_mut(..used).expect("all photons"),
-            }
-        };
-        (0..layout.buckets).map(cut).collect()
+            let used = lanes.min(n + 1 - start) - usize::from(block == 0);
+            let (p1, c1, d1, f1);
+            (p1, p) = p.split_at_mut(3 * lanes);
+            (c1, c) = c.split_at_mut(used);
+            (d1, d) = d.split_at_mut(used.min(d.len()));
+            (f1, f) = f.split_at_mut(used);
+            blocks.push((p1, c1, d1, f1));
+        }
+        let bounds = (blocks.into_par_iter().with_min_len(64).enumerate())
+            .map(|(block, (p, c, d, f))| {
+                let lanes = p.len() / 3;
+                let mut bounds = Bounds3::EMPTY;
+                let (first, used) = (usize::from(block == 0), c.len());
+                let (mut slots, mut photons) = ([0; BLOCK], [Photon::default(); BLOCK]);
+                for (i, slot) in slots[..used].iter_mut().enumerate() {
+                    *slot = layout.slot(block, i + first);
+                }
+                fill(&slots[..used], &mut photons[..used]);
+                p.fill(f32::INFINITY);
+                for (i, ((c, f), photon)) in c.iter_mut().zip(f).zip(&photons).enumerate() {
+                    let lane = i + first;
+                    bounds = bounds.extend(Vec3::from_array(photon.position));
+                    [p[lane], p[lane + lanes], p[lane + 2 * lanes]] = photon.position;
+                    (*c, *f) = (photon.power, photon.flags);
+                    if let Some(d) = d.get_mut(i) {
+                        *d = photon.direction;
+                    }
+                }
+                bounds
+            })
+            .reduce(|| Bounds3::EMPTY, Bounds3::union);
+
+        let identity = NEXT.fetch_add(1, Ordering::Relaxed);
+        let mut map =
+            Self { layout, positions, power, direction, flags, splits: Vec::new(), bounds, rejected: 0, identity };
+        map.splits = (0..layout.buckets).map(|slot| map.split(slot)).collect();
+        map
     }
 
     /// The plane of an upper slot.
@@ -190,16 +164,11 @@ impl PhotonMap {
         if !photons.iter().all(|p| storable(Vec3::from_array(p.position)) && p.flags.axis() < 3) {
             return None;
         }
-        let mut map = Self::vacant(photons.len(), true);
-        map.bounds = Bounds3::from_points(photons.iter().map(|p| Vec3::from_array(p.position)));
-        let layout = map.layout;
-        map.blocks().into_par_iter().with_min_len(64).enumerate().for_each(|(block, mut to)| {
-            to.p.fill(f32::INFINITY);
-            for lane in to.first..to.first + to.flags.len() {
-                to.set(lane, &photons[layout.slot(block, lane) - 1]);
+        let map = Self::lay_out(photons.len(), true, |slots, out| {
+            for (photon, &slot) in out.iter_mut().zip(slots) {
+                *photon = photons[slot - 1];
             }
         });
-        map.splits = (0..map.layout.buckets).map(|slot| map.split(slot)).collect();
         map.is_heap().then_some(map)
     }
 

@@ -6,7 +6,6 @@
 //! The records live as separate streams, twenty bytes in all. The heap's bottom subtrees of up to 63 photons are kept
 //! together (see `layout`), so that a query walks only the upper planes and scans the subtrees with vector instructions.
 
-mod bottom;
 mod build;
 pub mod direction;
 mod file;
@@ -19,7 +18,6 @@ mod order;
 mod packed;
 mod ply;
 mod query;
-mod select;
 mod simd;
 pub mod stackfree;
 #[cfg(test)]

@@ -1,6 +1,5 @@
 //! The vector loops of the photon map.
 
-use super::build::Key;
 use super::found::Found;
 #[cfg(target_arch = "x86_64")]
 use super::x86;
@@ -22,37 +21,6 @@ pub(crate) trait Simd: Copy {
 
     /// Keeps, in order, what is nearer than `kth` and the first `ties` that are exactly as far.
     fn keep(self, found: &mut Found, kth: f32, ties: usize);
-
-    /// Moves the keys whose coordinate along the axis is below `t` to the front; how many they are. In which order keys
-    /// come out differs between instruction sets.
-    #[inline(always)]
-    fn partition(self, keys: &mut [Key], axis: usize, t: i32) -> usize {
-        // No branch depends on a coordinate: every key changes places with the first that is not below, perhaps itself.
-        let mut below = 0;
-        for i in 0..keys.len() {
-            let is_below = keys[i].p[axis] < t;
-            keys.swap(i, below);
-            below += usize::from(is_below);
-        }
-        below
-    }
-
-    /// The least and the largest coordinates of keys.
-    #[inline(always)]
-    fn extents(self, keys: &[Key]) -> ([i32; 3], [i32; 3]) {
-        let (mut lo, mut hi) = ([i32::MAX; 3], [i32::MIN; 3]);
-        for key in keys {
-            for a in 0..3 {
-                lo[a] = lo[a].min(key.p[a]);
-                hi[a] = hi[a].max(key.p[a]);
-            }
-        }
-        (lo, hi)
-    }
-
-    /// Asks the memory for a value that will be read soon.
-    #[inline(always)]
-    fn prefetch<T>(self, _: &T) {}
 }
 
 /// Work that is compiled once for every instruction set.

@@ -256,20 +256,6 @@ fn every_instruction_set_gives_the_same_bits() {
 }
 
 #[test]
-fn every_instruction_set_builds_the_same_map() {
-    for shape in Shape::ALL {
-        for n in [1u64, 2, 31, 64, 100, 2000, 70_000] {
-            let photons: Vec<Photon> = (0..n).map(|i| photon(shape.point(i), i as usize)).collect();
-            let map = PhotonMap::build_at(Level::Portable, photons.clone(), true);
-            for level in Level::available() {
-                let other = PhotonMap::build_at(level, photons.clone(), true);
-                assert!(map.heap_order().eq(other.heap_order()), "{level:?}, {n} photons, {shape:?}");
-            }
-        }
-    }
-}
-
-#[test]
 fn filtered_neighbours_equal_filtered_brute_force() {
     let points: Vec<Vec3> = (0..5000).map(vector).collect();
     let map = build(&points);
