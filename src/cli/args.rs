@@ -228,9 +228,9 @@ pub struct RenderArgs {
     #[arg(long, value_name = "relmse=VALUE", value_parser = target_error)]
     pub target_error: Option<f64>,
     /// Layers to write into .exr beside the colour: variance (of each pixel and, as blockvariance, of each block of
-    /// 16 x 16), bias (of photon maps and of merging; doubles the time of camera passes); and of photonmapper's maps, seen directly:
-    /// photons (all maps), caustic, global, direct (what is not of photons), density (photons per unit of area), cache
-    /// (records of the irradiance cache). Beside a .png these last become pictures FILE.LAYER.png of their own.
+    /// 16 x 16), bias (of photon maps and of merging; doubles the time of camera passes); and of photonmapper's maps, seen
+    /// directly: photons (all maps), caustic, global, direct (what is not of photons), density (photons per unit of area),
+    /// cache (records of the irradiance cache). Beside a .png these last become pictures FILE.LAYER.png of their own.
     #[arg(long, value_enum, value_name = "LAYER", value_delimiter = ',')]
     pub aov: Vec<Aov>,
     /// Seed of all random numbers.
