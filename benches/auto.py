@@ -17,7 +17,13 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 METHODS = ["path", "photonmapper", "sppm", "bdpt", "vcm"]
 # Two methods that find the light of a scene; elsewhere the program's own pair. One alone, with a seed of its own, where the
 # other comes near too slowly to agree: only photon maps find what the ring mirrors of its caustic.
-REFERENCE = {"pool": "sppm,vcm", "ring": "vcm", "environment": "path,bdpt", "terrain": "path,bdpt"}
+REFERENCE = {
+    "pool": "sppm,vcm",
+    "ring": "vcm",
+    "environment": "path,bdpt",
+    "terrain": "path,bdpt",
+    "window": "path,bdpt",
+}
 GOAL = 1e-2
 
 

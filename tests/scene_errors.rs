@@ -220,7 +220,7 @@ const CASES: &[Case] = &[
     (
         "<emitter type=\"point\"><float name=\"photon_share\" value=\"-0.1\"/></emitter>",
         2,
-        24,
+        23,
         &["\"photon_share\" is -0.1", "between 0 and 1"],
     ),
     (
@@ -239,7 +239,7 @@ const CASES: &[Case] = &[
     (
         "<emitter type=\"point\"><float name=\"photon_part\" value=\"1\"/></emitter>",
         2,
-        24,
+        23,
         &["has no parameter \"photon_part\"", "photon_share"],
     ),
     (
@@ -276,7 +276,7 @@ const CASES: &[Case] = &[
     (
         "<integrator type=\"photonmapper\"><string name=\"cache_metric\" value=\"hesian\"/></integrator>",
         2,
-        37,
+        33,
         &["unknown cache_metric \"hesian\"", "did you mean \"hessian\"?"],
     ),
     (
