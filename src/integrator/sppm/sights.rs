@@ -123,11 +123,6 @@ impl Sightings {
             }
         }
     }
-
-    /// Bytes held.
-    pub fn memory(&self) -> usize {
-        self.points.capacity() * size_of::<Point>() + self.boxes.capacity() * size_of::<Bounds3>()
-    }
 }
 
 #[cfg(test)]
