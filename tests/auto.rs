@@ -2,8 +2,11 @@
 
 mod common;
 
+use std::path::Path;
+
 use caustica::accel::AccelKind;
 use caustica::render::{Choice, PlanOverrides, choose};
+use caustica::scene::{LoadOptions, Scene};
 use common::program::Folder;
 use common::{floor_under_a_pane, scene};
 
@@ -39,6 +42,19 @@ fn the_method_suits_the_scene() {
     // Direct light alone.
     let shallow = UNDER_THE_SKY.replace(r#""auto"/>"#, r#""auto"><integer name="max_depth" value="2"/></integrator>"#);
     assert_eq!(chosen(&shallow).method, "path");
+}
+
+/// Three samples of `path` a pixel meet the sun that comes through the window here and there, and its noise is sixty times the
+/// square of the picture; chains of photon paths have less, though nothing but `path` and `vcm` is sure about the level.
+#[test]
+fn rare_light_is_not_taken_for_little_noise() {
+    let o = PlanOverrides { integrator: Some("auto".into()), ..PlanOverrides::default() };
+    let options = LoadOptions { accel: AccelKind::Bvh, ..LoadOptions::default() };
+    let mut s =
+        Scene::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/window.xml"), &options).expect("a scene");
+    let choice = choose(&mut s, &o).expect("a plan").expect("a choice");
+    let noise = |method: &str| choice.trials.iter().find(|t| t.method == method).expect("tried").noise;
+    assert!(choice.method == "sppm" && noise("path") > 20.0 && noise("sppm") < 2.0, "{choice:?}");
 }
 
 #[test]

@@ -5,11 +5,12 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::{Control, Plan, PlanError, PlanOverrides, Session, Silent};
+use super::{Control, Method, Plan, PlanError, PlanOverrides, Session, Silent};
 use crate::color::Rgb;
 use crate::image::metrics::RELMSE_EPSILON;
 use crate::image::{Image, block_means};
 use crate::integrator::VcmSettings;
+use crate::integrator::sppm::PhotonSampling;
 use crate::integrator::vcm::{Merging, Recipe};
 use crate::scene::{Needs, Scene};
 use crate::tally::Counters;
@@ -35,6 +36,10 @@ const OTHER_PILOTS: f64 = 64.0;
 
 /// Share of the goal that light which a method has not found may take; beyond, its noise cannot be believed.
 const LEAST_MISSING: f64 = 0.25;
+
+/// How far a pilot's picture is smoothed, in pixels, and the relative variance that is left where it is far enough.
+const REACHES: [u32; 4] = [1, 3, 5, 8];
+const SMOOTH_ENOUGH: f64 = 0.1;
 
 /// What the pilot of one method found.
 #[derive(Clone, Debug, Serialize)]
@@ -125,32 +130,53 @@ fn judge(pilots: &[Pilot]) -> Choice {
     Choice { method: best.method, reason, trials: trials.clone() }
 }
 
-/// The picture as far as it is known, squared, for errors to be relative to: medians of the methods, each smoothed over
-/// 3 × 3 pixels.
+/// The picture as far as it is known, squared, for errors to be relative to: medians of those methods whose pictures take the
+/// least [smoothing](Pilot::smoothed).
 fn guide(pilots: &[Pilot]) -> Vec<[f64; 3]> {
-    let images: Vec<Image> = pilots.iter().map(|p| smooth(&p.image)).collect();
-    let square = |i: usize, c: usize| {
+    let smoothed: Vec<(u32, Image)> = pilots.iter().map(Pilot::smoothed).collect();
+    let least = smoothed.iter().map(|s| s.0).min().expect("there are candidates");
+    let images: Vec<Image> = smoothed.into_iter().filter(|s| s.0 == least).map(|s| s.1).collect();
+    let median = |i: usize, c: usize| {
         let mut values: Vec<f32> = images.iter().map(|image| image.pixels()[i][c]).collect();
         values.sort_unstable_by(f32::total_cmp);
-        f64::from(values[values.len() / 2]).powi(2) + RELMSE_EPSILON * RELMSE_EPSILON
+        values[values.len() / 2]
     };
-    (0..images[0].pixels().len()).map(|i| [0, 1, 2].map(|c| square(i, c))).collect()
+    (0..images[0].pixels().len()).map(|i| [0, 1, 2].map(|c| square(median(i, c)))).collect()
 }
 
-/// Means over each pixel and those around it.
-fn smooth(image: &Image) -> Image {
-    let around = |x: u32, end: u32| x.saturating_sub(1)..(x + 2).min(end);
+/// What a squared error of a pixel is relative to.
+fn square(value: f32) -> f64 {
+    f64::from(value).powi(2) + RELMSE_EPSILON * RELMSE_EPSILON
+}
+
+/// Variances over squares of the picture, on the average.
+fn relative(variance: &[Rgb], squares: impl Iterator<Item = [f64; 3]>) -> f64 {
+    let of = |(v, s): (&Rgb, [f64; 3])| (0..3).map(|c| f64::from(v[c]) / s[c]).sum::<f64>() / 3.0;
+    variance.iter().zip(squares).map(of).sum::<f64>() / variance.len() as f64
+}
+
+/// Means over each pixel and those up to `reach` rows and columns away.
+fn smooth(image: &Image, reach: u32) -> Image {
+    let around = |x: u32, end: u32| x.saturating_sub(reach)..(x + reach + 1).min(end);
+    let rows = Image::from_fn(image.width(), image.height(), |x, y| {
+        let columns = around(x, image.width());
+        let n = columns.len();
+        columns.map(|x| image.pixel(x, y)).sum::<Rgb>() * (1.0 / n as f32)
+    });
     Image::from_fn(image.width(), image.height(), |x, y| {
-        let (columns, rows) = (around(x, image.width()), around(y, image.height()));
-        let n = columns.len() * rows.len();
-        rows.flat_map(|y| columns.clone().map(move |x| image.pixel(x, y))).sum::<Rgb>() * (1.0 / n as f32)
+        let lines = around(y, image.height());
+        let n = lines.len();
+        lines.map(|y| rows.pixel(x, y)).sum::<Rgb>() * (1.0 / n as f32)
     })
 }
 
 /// A few passes of a method.
 struct Pilot {
     method: &'static str,
+    passes: u64,
     work: f64,
+    /// All pixels err by about the same factor, which a few passes do not tell.
+    common_factor: bool,
     image: Image,
     /// Variance of one pass.
     noise: Vec<Rgb>,
@@ -185,6 +211,9 @@ impl Pilot {
         let doubt = session.doubt().expect("the plan tracks its error");
         Ok(Self {
             method,
+            passes,
+            // As many paths as are seen, which scales all photons of a pass.
+            common_factor: matches!(plan.method, Method::Sppm(s) if s.photon_sampling == PhotonSampling::Visibility),
             work: work(&session.summary.counters) / (passes as usize * image.pixels().len()) as f64,
             noise: doubt.variance().expect("two passes").iter().map(|&v| v * passes as f32).collect(),
             means: block_means(&image),
@@ -193,21 +222,51 @@ impl Pilot {
         })
     }
 
+    /// The picture over as few pixels as leave little noise, and how far that reaches.
+    ///
+    /// Rare bright samples make a pixel's noise and the pixel itself: over too few pixels such noise looks small, and what the
+    /// others have there, mostly darkness, makes that of a better method look large.
+    fn smoothed(&self) -> (u32, Image) {
+        let mut smoothed = None;
+        for reach in REACHES {
+            let image = smooth(&self.image, reach);
+            let noise = relative(&self.noise, image.pixels().iter().map(|p| [0, 1, 2].map(|c| square(p[c]))));
+            let samples = (self.passes * u64::from(2 * reach + 1).pow(2)) as f64;
+            smoothed = Some((reach, image));
+            if noise <= SMOOTH_ENOUGH * samples {
+                break;
+            }
+        }
+        smoothed.expect("there are reaches")
+    }
+
     fn against(&self, widest: &Self, guide: &[[f64; 3]]) -> Trial {
-        let relative = |(v, g): (&Rgb, &[f64; 3])| (0..3).map(|c| f64::from(v[c]) / g[c]).sum::<f64>() / 3.0;
-        let noise = self.noise.iter().zip(guide).map(relative).sum::<f64>() / guide.len() as f64;
+        let noise = relative(&self.noise, guide.iter().copied());
+        let factor = if self.common_factor { factor(&self.means, &widest.means) } else { 1.0 };
         let mut offs = vec![0.0; self.variance.len()];
         for (i, off) in offs.iter_mut().enumerate() {
             for c in 0..3 {
                 let of = |image: &Image| f64::from(image.pixels()[i][c]);
-                let (a, b) = (of(&self.means), of(&widest.means));
-                let unit = 3.0 * (b * b + RELMSE_EPSILON * RELMSE_EPSILON);
-                *off += ((a - b).powi(2) - f64::from(self.variance[i][c]) - f64::from(widest.variance[i][c])) / unit;
+                let (a, b) = (factor * of(&self.means), of(&widest.means));
+                let doubt = factor * factor * f64::from(self.variance[i][c]) + f64::from(widest.variance[i][c]);
+                *off += ((a - b).powi(2) - doubt) / (3.0 * square(b as f32));
             }
         }
         let off = if std::ptr::eq(self, widest) { 0.0 } else { above_noise(&offs) };
         Trial { method: self.method, noise, off, work: self.work, passes: passes_to_goal(self.method, noise, off) }
     }
+}
+
+/// The factor that brings `image` closest to `other`, by relative squares.
+fn factor(image: &Image, other: &Image) -> f64 {
+    let mut sums = (0.0, 0.0);
+    for (a, b) in image.pixels().iter().zip(other.pixels()) {
+        for (a, b) in [0, 1, 2].map(|c| (f64::from(a[c]), f64::from(b[c]))) {
+            sums.0 += a * b / square(b as f32);
+            sums.1 += a * a / square(b as f32);
+        }
+    }
+    if sums.1 > 0.0 { sums.0 / sums.1 } else { 1.0 }
 }
 
 /// The mean of values from blocks, less two of its standard errors; at least 0.
@@ -238,4 +297,51 @@ fn passes_to_goal(method: &str, noise: f64, off: f64) -> f64 {
 /// Closest-hit rays that everything counted is worth.
 fn work(c: &Counters) -> f64 {
     c.camera_rays as f64 + 1.3 * c.photon_rays as f64 + 0.7 * c.shadow_rays as f64 + 1.5 * c.photon_queries as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Key, Purpose, Sampler, Sequence};
+
+    /// A method that finds light of 1 everywhere with one sample in `rarity`, and as much more in it.
+    fn sparse(method: &'static str, rarity: f32, key: u64) -> Pilot {
+        let (width, height, passes) = (96, 96, 3);
+        let mut s = Sampler::new(Sequence::Independent, Key::new(3, Purpose::Test, key), 0);
+        let mut noise = Vec::new();
+        let image = Image::from_fn(width, height, |_, _| {
+            let found = (0..passes).filter(|_| s.next_1d() < 1.0 / rarity).count() as f32;
+            let mean = found / passes as f32;
+            // The variance of one sample, as three tell it.
+            noise.push(Rgb::splat(rarity * rarity * mean * (1.0 - mean) * passes as f32 / (passes as f32 - 1.0)));
+            Rgb::splat(rarity * mean)
+        });
+        let (means, work) = (block_means(&image), 1.0);
+        let variance = vec![Rgb::BLACK; means.pixels().len()];
+        Pilot { method, passes, work, common_factor: false, image, noise, means, variance }
+    }
+
+    /// The variance over the square is rarity − 1. Rare samples also make most of the picture that it is relative to, if that
+    /// is taken over few pixels.
+    #[test]
+    fn rare_light_is_as_noisy_as_it_is() {
+        for rarity in [2.0f32, 10.0, 50.0] {
+            let pilots = [sparse("path", rarity, 1), sparse("sppm", 1.1, 2), sparse("vcm", rarity, 3)];
+            let guide = guide(&pilots);
+            for (pilot, truth) in pilots.iter().zip([rarity - 1.0, 0.1, rarity - 1.0]) {
+                let told = relative(&pilot.noise, guide.iter().copied()) / f64::from(truth);
+                assert!((0.8..1.3).contains(&told), "{} of {rarity}: {told} of the noise", pilot.method);
+            }
+        }
+    }
+
+    /// A picture that is too bright everywhere has no light missing; one that is dark in places has.
+    #[test]
+    fn a_common_factor_is_found() {
+        let shades = |f: fn(u32) -> f32| Image::from_fn(8, 8, |x, y| Rgb::splat(f(x) * (1.0 + y as f32)));
+        let truth = shades(|_| 1.0);
+        assert!((factor(&shades(|_| 1.25), &truth) - 0.8).abs() < 1e-6);
+        assert!((factor(&shades(|x| (x % 2) as f32), &truth) - 1.0).abs() < 1e-2);
+        assert!((factor(&shades(|_| 0.0), &truth) - 1.0).abs() < 1e-6);
+    }
 }
