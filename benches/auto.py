@@ -3,8 +3,8 @@
 
     cargo build --release && python3 benches/auto.py
 
-Measures the time of every method to a relMSE of 1e-2 on every scene in scenes/, makes the choice, and prints a table: the
-pilot's time plus the time of the method chosen, over the time of the best. Takes about fifteen minutes.
+Measures the time of every method to a relMSE of 1e-2 on every scene in scenes/ (but those of `verify`), makes the choice, and prints a table: the
+pilot's time plus the time of the method chosen, over the time of the best. Takes about half an hour.
 """
 
 import argparse
@@ -24,7 +24,14 @@ REFERENCE = {
     "environment": "path,bdpt",
     "terrain": "path,bdpt",
     "window": "sppm",
+    "glossy": "path,bdpt",
+    "matterhorn": "path,bdpt",
+    "fractal-box": "path,bdpt",
+    "background": "path,bdpt",
+    **dict.fromkeys(["cognac", "cube", "glass-sphere", "iced-water", "poolhouse", "sphereflake"], "vcm"),
+    **dict.fromkeys(["sun", "ceiling", "point"], "vcm"),
 }
+FOLDERS = ["scenes", "scenes/gallery", "scenes/smallvcm"]
 GOAL = 1e-2
 
 
@@ -69,7 +76,7 @@ def measure(args, scene, folder):
 
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("scenes", nargs="*", help="names of scenes in scenes/, all by default")
+    p.add_argument("scenes", nargs="*", help="names of scenes in scenes/ and its folders gallery and smallvcm, all by default")
     p.add_argument("--caustica", default=ROOT / "target/release/caustica")
     p.add_argument("--size", help="width and height of the pictures; by default those of the scene files")
     p.add_argument("--methods", default=",".join(METHODS), help="the methods to measure, by commas")
@@ -83,7 +90,7 @@ def main():
         folder.mkdir(parents=True, exist_ok=True)
         print("| scene | " + " | ".join(METHODS) + " | chosen | pilot | with pilot over best |")
         print("|---" * (len(METHODS) + 4) + "|")
-        for scene in sorted((ROOT / "scenes").glob("*.xml")):
+        for scene in (scene for name in FOLDERS for scene in sorted((ROOT / name).glob("*.xml"))):
             if args.scenes and scene.stem not in args.scenes:
                 continue
             if scene.stem == "terrain" and not (scene.parent / "terrain.ply").exists():

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{Control, Method, Plan, PlanError, PlanOverrides, Session, Silent};
 use crate::color::Rgb;
 use crate::image::metrics::RELMSE_EPSILON;
-use crate::image::{Image, block_means};
+use crate::image::{BLOCK_SIZE, Image, block_means};
 use crate::integrator::VcmSettings;
 use crate::integrator::sppm::PhotonSampling;
 use crate::integrator::vcm::{Merging, Recipe};
@@ -34,6 +34,11 @@ const GOAL: f64 = 1e-2;
 /// asking them costs as much as they could save.
 const OTHER_PILOTS: f64 = 64.0;
 
+/// Share of the picture's light, where it stands out from noise by so many standard errors, that a method may have missed;
+/// light that is rare and bright makes noise that has not been seen yet.
+const LEAST_LIGHT: f64 = 0.002;
+const SURE: f64 = 5.0;
+
 /// Share of the goal that light which a method has not found may take; beyond, its noise cannot be believed.
 const LEAST_MISSING: f64 = 0.25;
 
@@ -49,9 +54,11 @@ pub struct Trial {
     pub noise: f64,
     /// relMSE over blocks against the widest method, as far as it stands out from noise: blur, or light not found.
     pub off: f64,
+    /// Share of the picture's light that the widest method finds in blocks where this one surely has less.
+    pub missing: f64,
     /// Cost of a pass per pixel, in closest-hit rays.
     pub work: f64,
-    /// Passes to a relMSE of 10⁻²; infinite where `off` forbids it.
+    /// Passes to a relMSE of 10⁻²; infinite where `off` or `missing` forbids it.
     pub passes: f64,
 }
 
@@ -252,8 +259,43 @@ impl Pilot {
                 *off += ((a - b).powi(2) - doubt) / (3.0 * square(b as f32));
             }
         }
-        let off = if std::ptr::eq(self, widest) { 0.0 } else { above_noise(&offs) };
-        Trial { method: self.method, noise, off, work: self.work, passes: passes_to_goal(self.method, noise, off) }
+        let (off, missing) =
+            if std::ptr::eq(self, widest) { (0.0, 0.0) } else { (above_noise(&offs), self.missing(widest)) };
+        let passes = match self.method {
+            "sppm" => passes_of_maps(noise, off),
+            _ if off > LEAST_MISSING * GOAL || missing > LEAST_LIGHT => f64::INFINITY,
+            _ => (noise / GOAL).max(1.0),
+        };
+        Trial { method: self.method, noise, off, missing, work: self.work, passes }
+    }
+
+    /// Share of the picture's light in blocks where `widest` surely finds more than this does.
+    fn missing(&self, widest: &Self) -> f64 {
+        let doubts = self.block_doubts().into_iter().zip(widest.block_doubts());
+        let (mut missing, mut all) = (0.0, 0.0);
+        for ((a, b), (doubt, other)) in self.means.pixels().iter().zip(widest.means.pixels()).zip(doubts) {
+            let sum = |p: &Rgb| (0..3).map(|c| f64::from(p[c])).sum::<f64>();
+            let lack = sum(b) - sum(a);
+            if lack > SURE * (doubt + other).sqrt() {
+                missing += lack;
+            }
+            all += sum(b);
+        }
+        if all > 0.0 { missing / all } else { 0.0 }
+    }
+
+    /// Variances of the blocks' means, channels summed up: of a block's pixels, as two passes tell little of a block, times what
+    /// pixels that err together add to it in all blocks.
+    fn block_doubts(&self) -> Vec<f64> {
+        // Channels err together at worst.
+        let sum = |v: &Rgb| (0..3).map(|c| f64::from(v[c]).sqrt()).sum::<f64>().powi(2);
+        let (width, height) = (self.image.width(), self.image.height());
+        let pixels = Image::from_fn(width, height, |x, y| self.noise[(y * width + x) as usize]);
+        let samples = self.passes as f64 * f64::from(BLOCK_SIZE * BLOCK_SIZE);
+        let apart: Vec<f64> = block_means(&pixels).pixels().iter().map(|v| sum(v) / samples).collect();
+        let (together, total) = (self.variance.iter().map(sum).sum::<f64>(), apart.iter().sum::<f64>());
+        let factor = if total > 0.0 { (together / total).max(1.0) } else { 1.0 };
+        apart.into_iter().map(|v| v * factor).collect()
     }
 }
 
@@ -277,14 +319,11 @@ fn above_noise(values: &[f64]) -> f64 {
     (mean - 2.0 * (squares / (n * (n - 1.0).max(1.0))).sqrt()).max(0.0)
 }
 
-/// Passes until noise and blur together are below the goal.
+/// Passes of `sppm` until noise and blur together are below the goal.
 ///
 /// Photon maps lose noise with the 2/3rd power of the passes, and what their discs blur along edges with the cube root of
-/// it (α = 2/3). What another method has not found in its pilot is not noise that its passes tell of: infinite.
-fn passes_to_goal(method: &str, noise: f64, off: f64) -> f64 {
-    if method != "sppm" {
-        return if off > LEAST_MISSING * GOAL { f64::INFINITY } else { (noise / GOAL).max(1.0) };
-    }
+/// it (α = 2/3).
+fn passes_of_maps(noise: f64, off: f64) -> f64 {
     let (mut low, mut high) = (1.0f64, 1e12f64);
     while high > 1.001 * low {
         let n = (low * high).sqrt();
