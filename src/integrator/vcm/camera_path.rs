@@ -140,6 +140,7 @@ pub(super) fn radiance(
         }
         // Settle what the last vertex could not know.
         walk.mis.resolve(recipe.focuses(&si));
+        recipe.settle(&mut walk.mis, walk.depth);
         let bsdf = scene.bsdf(&si);
         if bsdf.lobes().intersects(LobeMask::SMOOTH) {
             let merge = if recipe.mergeable(&si) { field.eta } else { 0.0 };

@@ -8,7 +8,7 @@ use super::step::CameraVertex;
 use super::weights::{Mis, merged_side, weight};
 
 /// Vertices whose surface is turned further than this (60°) from the camera's vertex are not merged with it.
-const MIN_NORMAL_COS: f32 = 0.5;
+pub(super) const MIN_NORMAL_COS: f32 = 0.5;
 
 /// A light vertex as merging sees it.
 #[derive(Clone, Copy, Debug)]

@@ -66,14 +66,20 @@ impl LightWalk {
     pub fn advance(&mut self, recipe: &Recipe, counters: &mut Counters) -> Option<SurfaceInteraction> {
         counters.photon_rays += 1;
         let si = recipe.scene.intersect(&mut self.ray)?;
-        let cos = cosine(&si, si.wo);
+        self.arrive(recipe, &si);
+        Some(si)
+    }
+
+    /// Carries the sums over the edge to `si`.
+    pub fn arrive(&mut self, recipe: &Recipe, si: &SurfaceInteraction) {
+        let cos = cosine(si, si.wo);
         if self.depth == 0 {
-            self.mis = self.first_sums(recipe, &si, cos);
+            self.mis = self.first_sums(recipe, si, cos);
         } else {
             self.mis.arrive(self.from.distance_squared(si.p) as f64, cos);
         }
         self.depth += 1;
-        Some(si)
+        recipe.settle(&mut self.mis, self.depth);
     }
 
     /// The sums at the first vertex, where `cos` is that of the edge from the light.
@@ -241,7 +247,7 @@ pub(super) fn lens_sums(
 }
 
 /// Whether nothing stands between a vertex and the camera's near plane; hidden emitters do not.
-fn lens_sees(recipe: &Recipe, si: &SurfaceInteraction, start: Vec3) -> bool {
+pub(super) fn lens_sees(recipe: &Recipe, si: &SurfaceInteraction, start: Vec3) -> bool {
     let scene = recipe.scene;
     if !recipe.settings.hide_emitters {
         return scene.visible(si, (start, Vec3::ZERO, Vec3::ZERO));

@@ -223,7 +223,7 @@ impl FullPath {
                 all.push((Technique::Connect(1), d.direct * camera(1)));
             }
             for s in 2..k {
-                if smooth(s - 1) && smooth(s) {
+                if smooth(s - 1) && smooth(s) && recipe.settings.connect_vertices {
                     all.push((Technique::Connect(s), light(s) * camera(s)));
                 }
             }
@@ -273,6 +273,7 @@ impl FullPath {
                 let mut mis = light[i];
                 scatter(&mut mis, i, self.dir[i], self.scattering(scene, i), merge_at(i, i - 1), 0.0);
                 mis.arrive(dist_sq(self.x[i].p, self.x[i + 1].p), cos(self.x[i + 1].n, self.dir[i]));
+                recipe.settle(&mut mis, i as u32 + 1);
                 light[i + 1] = mis;
             }
         }
@@ -288,6 +289,9 @@ impl FullPath {
                 mis.arrive(dist_sq(self.x[i].p, self.x[i - 1].p), cos(self.x[i - 1].n, self.dir[i - 1]));
             }
             mis.resolve(true);
+            if i > 1 {
+                recipe.settle(&mut mis, (k - i + 1) as u32);
+            }
             camera[i - 1] = mis;
         }
         (light, camera)
@@ -508,6 +512,7 @@ impl Trial<'_> {
                 self.check(&path, Technique::Connect(0), walk.emitter_weight(recipe, direct, emit) as f64);
             }
             walk.mis.resolve(recipe.focuses(&si));
+            recipe.settle(&mut walk.mis, walk.depth);
             c.x.push(vertex(&si));
             self.use_vertex(&c, &walk, &si, light.as_ref(), &mut numbers);
             if !walk.scatter(recipe, &si, &scene.bsdf(&si), self.eta, &mut random) {
@@ -556,6 +561,9 @@ impl Trial<'_> {
             self.check(&path, Technique::Connect(1), weight(next_event_sums(recipe, &v, index, &li)));
         }
         let Some(l) = light else { return };
+        if recipe.settings.connect && !recipe.settings.connect_vertices {
+            return;
+        }
         for s in 2..=l.x.len() {
             let end = l.x[s - 1].si.expect("a surface");
             let d = end.p - si.p;
@@ -589,6 +597,9 @@ fn check_all(scene: &Scene) {
         ("all", VcmSettings { merging: Merging::All, ..any }),
         ("bdpt", VcmSettings::bdpt()),
         ("no light image", VcmSettings { light_image: false, ..any }),
+        ("no vertices connected", VcmSettings { connect_vertices: false, ..any }),
+        ("no vertices connected, all", VcmSettings { connect_vertices: false, merging: Merging::All, ..any }),
+        ("light samples", VcmSettings { connect_vertices: false, light_image: false, ..VcmSettings::bdpt() }),
         ("bpm", VcmSettings { connect: false, ..any }),
     ];
     for (name, settings) in variants {
@@ -598,7 +609,8 @@ fn check_all(scene: &Scene) {
         for index in 0..TRIALS {
             trial.run(index);
         }
-        assert!(trial.counts[0] > TRIALS / 10 && trial.counts[1] > TRIALS / 10, "{name}: {:?}", trial.counts);
+        let connected = trial.counts[0] > TRIALS / 10 || (settings.connect && !settings.connect_vertices);
+        assert!(connected && trial.counts[1] > TRIALS / 10, "{name}: {:?}", trial.counts);
     }
 }
 
