@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 use super::Recipe;
 use super::camera_path::CameraWalk;
 use super::light_path::{LightVertex, LightWalk};
-use super::step::{CameraVertex, Scattered, cosine, pdf_back};
-use crate::bsdf::{Bsdf, LobeMask, Mode};
+use super::step::{CameraVertex, Scattered, cosine};
+use crate::bsdf::{LobeMask, Mode};
 use crate::geometry::SurfaceInteraction;
 use crate::light::LightLi;
 use crate::math::Vec3;
@@ -54,7 +54,7 @@ fn surface(recipe: &Recipe, si: &SurfaceInteraction, own: f64) -> Link {
 }
 
 /// Carries `links` over the edge to the next surface; `last` is how the walk left the one before.
-fn arrive(recipe: &Recipe, links: &mut Vec<Link>, last: &Scattered, dist_sq: f64, si: &SurfaceInteraction) {
+pub(super) fn arrive(recipe: &Recipe, links: &mut Vec<Link>, last: &Scattered, dist_sq: f64, si: &SurfaceInteraction) {
     links.last_mut().expect("links have a first one").back /= dist_sq;
     links.push(surface(recipe, si, last.fwd * cosine(si, si.wo) / dist_sq));
 }
@@ -67,17 +67,11 @@ pub(super) fn leave(links: &mut [Link], last: &Scattered, si: &SurfaceInteractio
     here.back = cosine(si, w);
 }
 
-/// The camera's walk has come to `si` from `from`.
-pub(super) fn arrive_from_camera(
-    recipe: &Recipe,
-    links: &mut Vec<Link>,
-    walk: &CameraWalk,
-    from: Vec3,
-    si: &SurfaceInteraction,
-) {
-    let dist_sq = from.distance_squared(si.p) as f64;
+/// The camera's walk is about to come to `si`.
+pub(super) fn arrive_from_camera(recipe: &Recipe, links: &mut Vec<Link>, walk: &CameraWalk, si: &SurfaceInteraction) {
+    let dist_sq = walk.from.distance_squared(si.p) as f64;
     if links.is_empty() {
-        let pdf = walk.first_pdf * cosine(si, si.wo) / if walk.first_parallel { 1.0 } else { dist_sq };
+        let pdf = walk.first_pdf * cosine(si, si.wo) / if walk.parallel { 1.0 } else { dist_sq };
         links.push(Link { own: dist_sq.sqrt(), ..Link::default() });
         links.push(surface(recipe, si, pdf));
     } else {
@@ -85,7 +79,7 @@ pub(super) fn arrive_from_camera(
     }
 }
 
-/// The light's walk has come to `si`; its links begin at `start`.
+/// The light's walk, before it leaves, has come to `si`; its links begin at `start`.
 pub(super) fn arrive_from_light(
     recipe: &Recipe,
     links: &mut Vec<Link>,
@@ -250,9 +244,15 @@ impl FullPath {
     }
 }
 
-/// For a camera walk that met a light: `direct` and `emit` as for [`super::weights::emitter_hit`]. Of a distant light, which is no
-/// surface, `links` end with the surface before.
-pub(super) fn hit_sums(recipe: &Recipe, eta: f64, links: &[Link], direct: f64, emit: f64, distant: Option<f64>) -> f64 {
+/// For a camera walk that met a light: `direct` and `emit` as for [`super::weights::emitter_hit`]. A distant light is no surface,
+/// and the walk met it with the density `distant`.
+pub(super) fn hit_sums(
+    recipe: &Recipe,
+    eta: f64,
+    links: &[Link],
+    (direct, emit): (f64, f64),
+    distant: Option<f64>,
+) -> f64 {
     let surfaces = if distant.is_some() { links } else { &links[..links.len() - 1] };
     let mut path = FullPath::join(&[], surfaces, links[0].own);
     path.direct = direct;
@@ -262,14 +262,15 @@ pub(super) fn hit_sums(recipe: &Recipe, eta: f64, links: &[Link], direct: f64, e
     path.others(recipe, eta, Found::Hit)
 }
 
-/// As [`super::camera_path::next_event_sums`].
+/// As [`super::camera_path::next_event_sums`], from the densities that it has: emission and meeting the light, over light
+/// sampling, and continuing to the vertex before.
 pub(super) fn next_event_sums(
     recipe: &Recipe,
-    v: &CameraVertex,
     trails: &Trails,
     eta: f64,
-    (index, ratio, hit): (usize, f64, f64),
+    index: usize,
     li: &LightLi,
+    (ratio, hit, rev): (f64, f64, f64),
 ) -> f64 {
     let pmf = recipe.scene.selector.pmf(index) as f64;
     let (mut path, n) = (FullPath::join(&[], trails.camera, trails.camera[0].own), trails.camera.len());
@@ -282,7 +283,7 @@ pub(super) fn next_event_sums(
     path.x[0].light = ratio * path.direct;
     path.x[0].smooth = true;
     if n > 2 {
-        path.x[1].light = pdf_back(recipe, v.si, v.bsdf, li.wi, v.si.wo) * trails.camera[n - 2].back;
+        path.x[1].light = rev * trails.camera[n - 2].back;
     }
     path.others(recipe, eta, Found::Connected(1))
 }
@@ -295,7 +296,6 @@ fn links_of<'a>(all: &'a [Link], light: &LightVertex) -> &'a [Link] {
 /// As [`super::camera_path::connection_sums`]; `to_light` and `to_camera` are densities per area of either end by the other.
 pub(super) fn connection_sums(
     recipe: &Recipe,
-    v: &CameraVertex,
     trails: &Trails,
     eta: f64,
     light: &LightVertex,
@@ -313,7 +313,6 @@ pub(super) fn connection_sums(
     if camera.len() > 2 {
         path.x[s + 1].light = camera_rev * camera[camera.len() - 2].back;
     }
-    debug_assert_eq!(v.depth as usize + 1, camera.len());
     path.others(recipe, eta, Found::Connected(s + 1))
 }
 
@@ -336,21 +335,12 @@ pub(super) fn lens_sums(
 }
 
 /// What the techniques other than a merge of `v` with the last vertex of a light path amount to.
-pub(super) fn merge_sums(
-    recipe: &Recipe,
-    v: &CameraVertex,
-    camera: &[Link],
-    light: &[Link],
-    wi: Vec3,
-    bsdf: &Bsdf,
-) -> f64 {
+pub(super) fn merge_sums(recipe: &Recipe, v: &CameraVertex, camera: &[Link], light: &[Link], wi: Vec3) -> f64 {
+    let bsdf = v.bsdf;
     let fwd = bsdf.pdf(v.si.wo, wi, Mode::Radiance, LobeMask::ALL) as f64;
     let rev = bsdf.pdf(wi, v.si.wo, Mode::Importance, LobeMask::ALL) as f64;
     let s = light.len() - 1;
     let mut path = FullPath::join(&light[..s], camera, camera[0].own);
-    if s == 1 {
-        path.direct = light[0].own;
-    }
     path.x[s - 1].light = light[s].own;
     path.x[s - 1].smooth = true;
     path.x[s - 1].mergeable = true;

@@ -6,6 +6,7 @@
 //! camera vertices near it (merging). Camera paths also meet lights and sample them. The balance heuristic weighs them all.
 
 mod camera_path;
+mod correlation;
 mod efficiency;
 mod grid;
 mod light_path;

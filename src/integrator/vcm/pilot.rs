@@ -311,8 +311,9 @@ impl Pilot<'_, '_> {
         if f.is_black() || !lens_sees(full, si, we.start) {
             return None;
         }
-        let sums =
-            self.each(|i, recipe| lens_sums(recipe, self.eta, &self.end_of(end, i), &end.bsdf, we.wi, we.importance));
+        let sums = self.each(|i, recipe| {
+            lens_sums(recipe, self.eta, &self.end_of(end, i), &end.bsdf, (we.wi, we.importance), None)
+        });
         let value = (end.vertex.beta * f).mean() * we.importance / full.light_paths as f32;
         let mut cell = Cell::default();
         cell.splats = self.weigh(value, LIGHT_IMAGE, &sums, &mut cell);
@@ -403,7 +404,7 @@ impl Pilot<'_, '_> {
         i: usize,
     ) -> CameraVertex<'v> {
         let merge = if self.variants[i].recipe.mergeable(si) { self.eta } else { 0.0 };
-        CameraVertex { si, bsdf, mis: &walks[i].mis, depth: walks[i].depth, merge }
+        CameraVertex { si, bsdf, mis: &walks[i].mis, depth: walks[i].depth, merge, trails: None }
     }
 
     fn light_sample(
@@ -425,7 +426,8 @@ impl Pilot<'_, '_> {
         }
         counts.light_samples += 1;
         if scene.unoccluded(si, &li) {
-            let sums = self.each(|i, recipe| next_event_sums(recipe, &self.vertex(walks, si, bsdf, i), index, &li));
+            let sums =
+                self.each(|i, recipe| next_event_sums(recipe, &self.vertex(walks, si, bsdf, i), self.eta, index, &li));
             let value = (walks[0].beta * f * li.radiance).mean() / (pmf * li.pdf_w);
             self.weigh(value, 0, &sums, cell);
         }

@@ -39,6 +39,8 @@ pub struct VcmSettings {
     pub initial_radius: Option<f32>,
     /// A radius that was fitted is multiplied by this.
     pub radius_scale: f32,
+    /// Counts merges for less where they share a camera path [Grittmann 2021].
+    pub correlation_aware: bool,
     /// A short pilot decides which techniques are worth their cost; see [`super::choose_techniques`].
     pub efficiency_aware: bool,
 }
@@ -58,6 +60,7 @@ impl Default for VcmSettings {
             alpha: 2.0 / 3.0,
             initial_radius: None,
             radius_scale: 1.0,
+            correlation_aware: false,
             efficiency_aware: false,
         }
     }
@@ -134,6 +137,7 @@ impl<'s> Recipe<'s> {
         if !mergeable || (settings.merging == Merging::Focused && !focusing) {
             settings.merging = Merging::Off;
         }
+        settings.correlation_aware &= settings.merging != Merging::Off;
         let first_radius = match settings.initial_radius {
             _ if settings.merging == Merging::Off => 0.0,
             Some(r) => r as f64 * scene.to_scene.scale,
