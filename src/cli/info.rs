@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::args::InfoArgs;
 use super::{CliError, MOST_AIMED, bytes, human, print};
+use crate::integrator::vcm::TechniqueChoice;
 use crate::render::{Forecast, Plan, PlanOverrides};
 use crate::scene::{Item, Needs, PhotonShare, PhotonTarget};
 
@@ -40,6 +41,9 @@ struct Info {
     needs: Needs,
     /// Decisions that change nothing, because the integrator has no such part.
     idle_needs: Vec<Item>,
+    /// Which techniques a pilot left in the recipe, where the scene file asks for one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    techniques: Vec<TechniqueChoice>,
     warnings: Vec<String>,
 }
 
@@ -55,6 +59,7 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
     let knows = |item: &Item| plan.as_ref().is_none_or(|p| p.method.knows(*item));
     let idle_needs = Item::ALL.into_iter().filter(|i| i.is_built() && !knows(i)).collect();
     let forecast = plan.as_ref().and_then(|p| Forecast::of(&scene, p));
+    let techniques = plan.as_ref().map_or_else(Vec::new, |p| p.techniques.clone());
     let needs = plan.map_or_else(|| Needs::of(&scene, None, &overrides.needs), |p| p.needs);
     let info = Info {
         scene: a.scene.scene.display().to_string(),
@@ -82,6 +87,7 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
         forecast,
         needs,
         idle_needs,
+        techniques,
         warnings: scene.warnings.iter().map(ToString::to_string).collect(),
     };
     if a.json {
@@ -130,6 +136,9 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
         // A decision that changes nothing here says so.
         let idle = info.idle_needs.contains(&n.item).then(|| format!("; no part of {}", info.integrator));
         print(&format!("{:<13} {decision:<3}  {}{}", n.item, n.reason, idle.unwrap_or_default()));
+    }
+    for t in &info.techniques {
+        print(&format!("{:<13} {:<3}  {}", t.technique.name(), if t.used { "yes" } else { "no" }, t.reason));
     }
     for w in &info.warnings {
         print(&format!("warning     {w}"));

@@ -92,6 +92,9 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             plan.method.name(),
             scene.accel.description()
         );
+        for t in &plan.techniques {
+            eprintln!("{}: {}, {}", t.technique.name(), if t.used { "on" } else { "off" }, t.reason);
+        }
         if let Some(choice) = &choice {
             eprintln!("chose {} ({})", choice.method, choice.reason);
         }

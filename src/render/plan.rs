@@ -5,7 +5,7 @@ use super::auto::AUTO;
 use crate::gather::cache::{CacheMetric, CacheSettings};
 use crate::gather::{AreaSettings, LookupSettings};
 use crate::integrator::sppm::PhotonSampling;
-use crate::integrator::vcm::Merging;
+use crate::integrator::vcm::{self, Merging, TechniqueChoice};
 use crate::integrator::{Direct, Layer, MaxDepth, Path, PhotonMapperSettings, SppmSettings, VcmSettings};
 use crate::photon::MapFile;
 use crate::scene::{IntegratorSettings, NeedOverride, Needs, Scene};
@@ -142,6 +142,8 @@ pub struct Plan {
     pub target_error: Option<f64>,
     /// What to show of the photon maps beside the picture.
     pub layers: Vec<Layer>,
+    /// Which techniques a pilot of the method left in its recipe, where it was asked for.
+    pub techniques: Vec<TechniqueChoice>,
 }
 
 impl Plan {
@@ -193,9 +195,15 @@ impl Plan {
         if passes.is_empty() || passes.end > all {
             return Err(PlanError::PassRange { found: passes, passes: all });
         }
+        let seed = o.seed.unwrap_or(scene.sampler.seed);
+        let techniques = match &mut method {
+            Method::Bidirectional(v) | Method::Vcm(v) if v.efficiency_aware => vcm::choose_techniques(scene, v, seed),
+            _ => Vec::new(),
+        };
         let plan = Self {
             needs,
-            seed: o.seed.unwrap_or(scene.sampler.seed),
+            seed,
+            techniques,
             passes,
             spp_per_pass,
             spp: bounded.then_some(spp),
@@ -332,11 +340,14 @@ fn bidirectional(s: &IntegratorSettings, own: bool, method: VcmSettings) -> VcmS
         rr_depth: s.integer("rr_depth").unwrap_or(5).max(1) as u32,
         hide_emitters: s.boolean("hide_emitters").unwrap_or(false),
         connect,
+        connect_vertices: switch("connect_vertices", true),
         light_image: switch("light_image", true),
         merging,
         alpha: s.float("alpha").filter(|_| own).map_or(method.alpha, f64::from),
         initial_radius: s.float("initial_radius").filter(|_| own),
         radius_scale: s.float("radius_scale").filter(|_| own).unwrap_or(1.0),
+        correlation_aware: switch("correlation_aware", false),
+        efficiency_aware: method.camera_paths && switch("efficiency_aware", false),
         ..method
     }
 }

@@ -1,9 +1,10 @@
 //! Camera sub-paths: lights that they meet, next-event estimation, connections and merges.
 
 use super::Recipe;
+use super::correlation::{self, Link, Trails};
 use super::grid::Grid;
 use super::light_path::LightVertex;
-use super::step::{CameraVertex, cosine, pdf_back};
+use super::step::{CameraVertex, Scattered, cosine, pdf_back};
 use super::weights::{Mis, emitter_hit, side, weight};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::camera::CameraRay;
@@ -28,7 +29,11 @@ pub(super) struct CameraWalk {
     eta: f32,
     /// No vertex so far could have been merged.
     unmerged: bool,
-    parallel: bool,
+    pub parallel: bool,
+    /// Density of the ray that the camera sent, per steradian or, of parallel rays, per area.
+    pub first_pdf: f64,
+    /// How it left the last vertex.
+    pub last: Scattered,
 }
 
 impl CameraWalk {
@@ -45,6 +50,8 @@ impl CameraWalk {
             eta: 1.0,
             unmerged: true,
             parallel,
+            first_pdf: pdf as f64,
+            last: Scattered::default(),
         }
     }
 
@@ -68,6 +75,14 @@ impl CameraWalk {
         weight(emitter_hit(&mis, direct, emit)) as f32
     }
 
+    /// [`CameraWalk::emitter_weight`], aware of correlation where that is asked for. A distant light is no surface.
+    pub fn hit_weight(&self, recipe: &Recipe, eta: f64, links: &[Link], pdfs: (f64, f64), distant: bool) -> f32 {
+        if !recipe.settings.correlation_aware || self.depth == 1 || !recipe.settings.connect {
+            return self.emitter_weight(recipe, pdfs.0, pdfs.1);
+        }
+        weight(correlation::hit_sums(recipe, eta, links, pdfs, distant.then_some(self.last.fwd))) as f32
+    }
+
     /// Scatters at `si`; false ends the walk.
     pub fn scatter(
         &mut self,
@@ -82,7 +97,7 @@ impl CameraWalk {
         self.beta *= s.weight;
         self.eta *= s.eta;
         let merge = if recipe.mergeable(si) { eta } else { 0.0 };
-        recipe.scatter(&mut self.mis, si, bsdf, &s, (0.0, merge));
+        self.last = recipe.scatter(&mut self.mis, si, bsdf, &s, (0.0, merge));
         if s.lobe.intersects(LobeMask::SMOOTH) && recipe.mergeable(si) {
             self.unmerged = false;
         }
@@ -101,6 +116,8 @@ pub(super) struct LightField<'a> {
     pub bsdfs: &'a [Bsdf],
     pub grid: Option<&'a Grid>,
     pub eta: f64,
+    /// What `vertices` refer to.
+    pub links: &'a [Link],
 }
 
 /// Radiance (W·m⁻²·sr⁻¹) along a camera ray by all techniques with camera vertices.
@@ -115,12 +132,14 @@ pub(super) fn radiance(
     let mut sum = Rgb::BLACK;
     let mut walk = CameraWalk::start(recipe, camera_ray);
     let mut hide = recipe.settings.hide_emitters;
+    let correlated = recipe.settings.correlation_aware;
+    let mut links = Vec::new();
     while walk.depth < recipe.max_depth {
         // Find the next surface; what leaves the scene sees the environment.
         counters.camera_rays += 1;
         let Some(si) = scene.intersect(&mut walk.ray) else {
             if !hide {
-                sum += escaped(recipe, &mut walk);
+                sum += escaped(recipe, &mut walk, (field.eta, &links));
             }
             break;
         };
@@ -131,21 +150,26 @@ pub(super) fn radiance(
         }
         hide = false;
         let from = walk.from;
+        if correlated {
+            correlation::arrive_from_camera(recipe, &mut links, &walk, &si);
+        }
         walk.arrive(&si);
         if emitter {
-            sum += met_light(recipe, &walk, &si, from);
+            sum += met_light(recipe, &walk, &si, from, (field.eta, &links));
         }
         if walk.depth >= recipe.max_depth || !recipe.settings.camera_paths {
             break;
         }
         // Settle what the last vertex could not know.
         walk.mis.resolve(recipe.focuses(&si));
+        recipe.settle(&mut walk.mis, walk.depth);
         let bsdf = scene.bsdf(&si);
         if bsdf.lobes().intersects(LobeMask::SMOOTH) {
             let merge = if recipe.mergeable(&si) { field.eta } else { 0.0 };
-            let v = CameraVertex { si: &si, bsdf: &bsdf, mis: &walk.mis, depth: walk.depth, merge };
+            let trails = correlated.then_some(Trails { camera: &links, light: field.links });
+            let v = CameraVertex { si: &si, bsdf: &bsdf, mis: &walk.mis, depth: walk.depth, merge, trails };
             if recipe.settings.connect {
-                sum += walk.beta * next_event(recipe, &v, sampler, counters);
+                sum += walk.beta * next_event(recipe, &v, field.eta, sampler, counters);
                 let pairs = field.vertices.iter().zip(field.bsdfs);
                 for light in pairs.take_while(|(l, _)| l.depth + v.depth < recipe.max_depth) {
                     sum += walk.beta * connect(recipe, &v, light, field.eta, counters);
@@ -153,19 +177,22 @@ pub(super) fn radiance(
             }
             if let (Some(grid), true) = (field.grid, merge > 0.0) {
                 counters.photon_queries += 1;
-                let merged = grid.merge(&v, recipe.max_depth - v.depth, recipe.connect);
+                let merged = grid.merge(recipe, &v, recipe.max_depth - v.depth);
                 sum += walk.beta * merged / recipe.light_paths as f32;
             }
         }
         if !walk.scatter(recipe, &si, &bsdf, field.eta, sampler) {
             break;
         }
+        if correlated {
+            correlation::leave(&mut links, &walk.last, &si, walk.ray.d);
+        }
     }
     sum
 }
 
 /// Light from the environment at the end of a walk.
-fn escaped(recipe: &Recipe, walk: &mut CameraWalk) -> Rgb {
+fn escaped(recipe: &Recipe, walk: &mut CameraWalk, (eta, links): (f64, &[Link])) -> Rgb {
     let d = walk.ray.d;
     let radiance = recipe.scene.environment_radiance(d);
     if radiance.is_black() {
@@ -173,7 +200,7 @@ fn escaped(recipe: &Recipe, walk: &mut CameraWalk) -> Rgb {
     }
     let (direct, emit) = escape_densities(recipe.scene, walk.from, d);
     walk.depth += 1;
-    walk.beta * radiance * walk.emitter_weight(recipe, direct, emit)
+    walk.beta * radiance * walk.hit_weight(recipe, eta, links, (direct, emit), true)
 }
 
 /// What [`emitter_hit`] asks of a ray that leaves the scene along `d`.
@@ -186,13 +213,19 @@ pub(super) fn escape_densities(scene: &Scene, from: Vec3, d: Vec3) -> (f64, f64)
 }
 
 /// Light from the surface that a walk has come to, `from` being the vertex before.
-fn met_light(recipe: &Recipe, walk: &CameraWalk, si: &SurfaceInteraction, from: Vec3) -> Rgb {
+fn met_light(
+    recipe: &Recipe,
+    walk: &CameraWalk,
+    si: &SurfaceInteraction,
+    from: Vec3,
+    (eta, links): (f64, &[Link]),
+) -> Rgb {
     let emitted = recipe.scene.emitted(si, si.wo);
     if emitted.is_black() {
         return Rgb::BLACK;
     }
     let (direct, emit) = hit_densities(recipe.scene, si, from);
-    walk.beta * emitted * walk.emitter_weight(recipe, direct, emit)
+    walk.beta * emitted * walk.hit_weight(recipe, eta, links, (direct, emit), false)
 }
 
 /// What [`emitter_hit`] asks of a light that was hit at `si` from `from`.
@@ -205,7 +238,7 @@ pub(super) fn hit_densities(scene: &Scene, si: &SurfaceInteraction, from: Vec3) 
 }
 
 /// Next-event estimation: light from a sampled light, towards the vertex before.
-fn next_event(recipe: &Recipe, v: &CameraVertex, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
+fn next_event(recipe: &Recipe, v: &CameraVertex, eta: f64, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
     let scene = recipe.scene;
     let (u_light, u) = (sampler.next_1d(), sampler.next_2d());
     let Some((index, pmf)) = scene.selector.sample(u_light) else { return Rgb::BLACK };
@@ -218,12 +251,12 @@ fn next_event(recipe: &Recipe, v: &CameraVertex, sampler: &mut Sampler, counters
     if !scene.unoccluded(v.si, &li) {
         return Rgb::BLACK;
     }
-    let w = weight(next_event_sums(recipe, v, index, &li));
+    let w = weight(next_event_sums(recipe, v, eta, index, &li));
     f * li.radiance * (w / (pmf as f64 * li.pdf_w as f64)) as f32
 }
 
 /// What the other techniques of a path that next-event estimation found amount to.
-pub(super) fn next_event_sums(recipe: &Recipe, v: &CameraVertex, index: usize, li: &LightLi) -> f64 {
+pub(super) fn next_event_sums(recipe: &Recipe, v: &CameraVertex, eta: f64, index: usize, li: &LightLi) -> f64 {
     let scene = recipe.scene;
     let light = &scene.lights[index];
     let pmf = scene.selector.pmf(index) as f64;
@@ -244,6 +277,9 @@ pub(super) fn next_event_sums(recipe: &Recipe, v: &CameraVertex, index: usize, l
         v.bsdf.pdf(v.si.wo, li.wi, Mode::Radiance, LobeMask::ALL) as f64 / (pmf * li.pdf_w as f64)
     };
     let rev = pdf_back(recipe, v.si, v.bsdf, li.wi, v.si.wo);
+    if let Some(trails) = &v.trails {
+        return correlation::next_event_sums(recipe, trails, eta, index, li, (ratio, hit, rev));
+    }
     let merge = if recipe.merges_direct() { v.merge } else { 0.0 };
     hit + side(v.mis, ratio, rev, merge)
 }
@@ -287,6 +323,10 @@ pub(super) fn connection_sums(
     let to_camera = light_bsdf.pdf(light.si.wo, -w, Mode::Importance, LobeMask::ALL) as f64 * cosine(v.si, w) / dist_sq;
     let camera_rev = pdf_back(recipe, v.si, v.bsdf, w, v.si.wo);
     let light_rev = pdf_back(recipe, &light.si, light_bsdf, -w, light.si.wo);
+    if let Some(trails) = &v.trails {
+        let (light_pdfs, camera_pdfs) = ((to_light, light_rev), (to_camera, camera_rev));
+        return correlation::connection_sums(recipe, trails, eta, light, light_pdfs, camera_pdfs);
+    }
     let light_merge = if light.merges { eta } else { 0.0 };
     let camera_merge = if recipe.focuses(&light.si) { v.merge } else { 0.0 };
     side(&light.mis, to_light, light_rev, light_merge) + side(v.mis, to_camera, camera_rev, camera_merge)

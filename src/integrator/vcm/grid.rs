@@ -4,11 +4,13 @@ use crate::bsdf::{LobeMask, Mode};
 use crate::color::Rgb;
 use crate::math::{INV_PI, Vec3};
 
+use super::Recipe;
+use super::correlation::{self, Link, Trails};
 use super::step::CameraVertex;
 use super::weights::{Mis, merged_side, weight};
 
 /// Vertices whose surface is turned further than this (60°) from the camera's vertex are not merged with it.
-const MIN_NORMAL_COS: f32 = 0.5;
+pub(super) const MIN_NORMAL_COS: f32 = 0.5;
 
 /// A light vertex as merging sees it.
 #[derive(Clone, Copy, Debug)]
@@ -22,6 +24,8 @@ pub(super) struct Photon {
     /// Flux of the light path, W.
     pub beta: Rgb,
     pub mis: Mis,
+    /// Where the links of its path begin among those of its batch.
+    pub links: u32,
 }
 
 /// Photons sorted by the hash of their cell. A cell is two radii wide, so that a disc meets at most eight.
@@ -37,6 +41,9 @@ pub(super) struct Grid {
     order: Vec<(u32, u32)>,
     inv_cell: f32,
     radius_sq: f32,
+    /// The links of all batches, and where those of each begin.
+    links: Vec<Link>,
+    first_links: Vec<usize>,
 }
 
 impl Grid {
@@ -76,6 +83,16 @@ impl Grid {
         self.positions.extend(self.photons.iter().map(|p| (p.p, p.depth)));
     }
 
+    /// Keeps the links of all batches, for weights that are aware of correlation.
+    pub fn keep_links<'a>(&mut self, batches: impl Iterator<Item = &'a [Link]>) {
+        self.links.clear();
+        self.first_links.clear();
+        for links in batches {
+            self.first_links.push(self.links.len());
+            self.links.extend_from_slice(links);
+        }
+    }
+
     pub fn is_empty(&self) -> bool {
         self.photons.is_empty()
     }
@@ -90,9 +107,9 @@ impl Grid {
         (h ^ (h >> 12)) & (self.starts.len() as u32 - 2)
     }
 
-    /// Calls `f` with the photons within the radius around `p`.
+    /// Calls `f` with the numbers of the photons within the radius around `p`.
     #[inline]
-    fn within(&self, p: Vec3, max_depth: u32, mut f: impl FnMut(&Photon, f32)) {
+    fn within(&self, p: Vec3, max_depth: u32, mut f: impl FnMut(usize, f32)) {
         // The eight cells nearest to p; two of them may share a bucket, which counts once.
         let low = (p * self.inv_cell - 0.5).floor().as_ivec3();
         let mut seen = [u32::MAX; 8];
@@ -107,7 +124,7 @@ impl Grid {
             for (j, &(q, depth)) in (first..last).zip(&self.positions[first..last]) {
                 let d_sq = p.distance_squared(q);
                 if d_sq < self.radius_sq && depth <= max_depth {
-                    f(&self.photons[j], d_sq);
+                    f(j, d_sq);
                 }
             }
         }
@@ -116,13 +133,18 @@ impl Grid {
     /// Weighted flux density of all merges at a camera vertex, to be divided by the number of light paths:
     /// `Σ w f Φ K` with the Epanechnikov kernel `K = 2 (1 − d²/r²) / (π r²)`, W·m⁻²·sr⁻¹.
     ///
-    /// Photons count up to `max_depth` edges from the light; `connect` is 1 when vertices are connected too.
-    pub fn merge(&self, v: &CameraVertex, max_depth: u32, connect: f64) -> Rgb {
+    /// Photons count up to `max_depth` edges from the light.
+    pub fn merge(&self, recipe: &Recipe, v: &CameraVertex, max_depth: u32) -> Rgb {
+        let connect = recipe.connect;
+        if let Some(trails) = &v.trails {
+            return self.merge_correlated(recipe, v, trails, max_depth);
+        }
         if let Some(albedo) = v.bsdf.lambertian(LobeMask::ALL) {
             return self.merge_lambertian(v, albedo, max_depth, connect);
         }
         let mut sum = Rgb::BLACK;
-        self.within(v.si.p, max_depth, |photon, d_sq| {
+        self.within(v.si.p, max_depth, |j, d_sq| {
+            let photon = &self.photons[j];
             if photon.ng.dot(v.si.ng) < MIN_NORMAL_COS {
                 return;
             }
@@ -141,12 +163,31 @@ impl Grid {
         sum * (2.0 / (std::f32::consts::PI * self.radius_sq))
     }
 
+    /// [`Grid::merge`] with weights that are aware of correlation.
+    fn merge_correlated(&self, recipe: &Recipe, v: &CameraVertex, trails: &Trails, max_depth: u32) -> Rgb {
+        let mut sum = Rgb::BLACK;
+        self.within(v.si.p, max_depth, |j, d_sq| {
+            let photon = &self.photons[j];
+            let f = v.bsdf.eval(v.si.wo, photon.wi, Mode::Radiance, LobeMask::ALL);
+            if photon.ng.dot(v.si.ng) < MIN_NORMAL_COS || f.is_black() {
+                return;
+            }
+            let first = self.first_links[self.order[j].0 as usize] + photon.links as usize;
+            let light = &self.links[first..][..photon.depth as usize + 1];
+            let others = correlation::merge_sums(recipe, v, trails.camera, light, photon.wi);
+            let kernel = (1.0 - d_sq / self.radius_sq) / photon.wi.dot(photon.ng).abs();
+            sum += f * photon.beta * (kernel * weight(others) as f32);
+        });
+        sum * (2.0 / (std::f32::consts::PI * self.radius_sq))
+    }
+
     /// [`Grid::merge`] on a flat Lambertian surface, whose density back to the camera is the same for all photons.
     fn merge_lambertian(&self, v: &CameraVertex, albedo: Rgb, max_depth: u32, connect: f64) -> Rgb {
         let n = if v.si.wo.dot(v.si.ng) < 0.0 { -v.si.ng } else { v.si.ng };
         let camera = merged_side(v.mis, (v.si.wo.dot(n) * INV_PI) as f64, connect, v.merge);
         let mut sum = Rgb::BLACK;
-        self.within(v.si.p, max_depth, |photon, d_sq| {
+        self.within(v.si.p, max_depth, |j, d_sq| {
+            let photon = &self.photons[j];
             let cos = photon.wi.dot(n);
             if cos > 0.0 && photon.ng.dot(v.si.ng) >= MIN_NORMAL_COS {
                 let others = merged_side(&photon.mis, (cos * INV_PI) as f64, connect, v.merge) + camera;

@@ -1,8 +1,9 @@
 //! Light sub-paths: emission, vertices, connections to the lens.
 
 use super::Recipe;
+use super::correlation::{self, Link};
 use super::grid::Photon;
-use super::step::{cosine, pdf_back};
+use super::step::{Scattered, cosine, pdf_back};
 use super::weights::{Mis, side, weight};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
@@ -25,6 +26,8 @@ pub(super) struct LightVertex {
     pub depth: u32,
     /// Light comes here from a surface that can focus it, and merging counts such vertices.
     pub merges: bool,
+    /// Where the links of its path begin, if there are any.
+    pub links: u32,
 }
 
 /// A walk from a light.
@@ -34,7 +37,9 @@ pub(super) struct LightWalk {
     beta: Rgb,
     pub mis: Mis,
     depth: u32,
-    from: Vec3,
+    pub from: Vec3,
+    /// How it left the last vertex.
+    pub last: Scattered,
     /// The last vertex can focus light.
     focused: bool,
     /// Index and probability of the light.
@@ -56,6 +61,7 @@ impl LightWalk {
             mis: Mis::default(),
             depth: 0,
             from: le.p,
+            last: Scattered::default(),
             focused: recipe.merges_direct(),
             light: (light, pmf),
             le,
@@ -66,14 +72,20 @@ impl LightWalk {
     pub fn advance(&mut self, recipe: &Recipe, counters: &mut Counters) -> Option<SurfaceInteraction> {
         counters.photon_rays += 1;
         let si = recipe.scene.intersect(&mut self.ray)?;
-        let cos = cosine(&si, si.wo);
+        self.arrive(recipe, &si);
+        Some(si)
+    }
+
+    /// Carries the sums over the edge to `si`.
+    pub fn arrive(&mut self, recipe: &Recipe, si: &SurfaceInteraction) {
+        let cos = cosine(si, si.wo);
         if self.depth == 0 {
-            self.mis = self.first_sums(recipe, &si, cos);
+            self.mis = self.first_sums(recipe, si, cos);
         } else {
             self.mis.arrive(self.from.distance_squared(si.p) as f64, cos);
         }
         self.depth += 1;
-        Some(si)
+        recipe.settle(&mut self.mis, self.depth);
     }
 
     /// The sums at the first vertex, where `cos` is that of the edge from the light.
@@ -101,7 +113,7 @@ impl LightWalk {
     /// The vertex just reached.
     pub fn vertex(&self, recipe: &Recipe, si: &SurfaceInteraction) -> LightVertex {
         let merges = self.focused && recipe.mergeable(si);
-        LightVertex { si: *si, beta: self.beta, mis: self.mis, depth: self.depth, merges }
+        LightVertex { si: *si, beta: self.beta, mis: self.mis, depth: self.depth, merges, links: 0 }
     }
 
     /// Scatters at `si` with Russian roulette; false ends the walk.
@@ -130,7 +142,7 @@ impl LightWalk {
             self.beta *= 1.0 / survive;
         }
         let merge = if self.focused && recipe.mergeable(si) { eta } else { 0.0 };
-        recipe.scatter(&mut self.mis, si, bsdf, &s, (merge, 0.0));
+        self.last = recipe.scatter(&mut self.mis, si, bsdf, &s, (merge, 0.0));
         self.from = si.p;
         self.focused = recipe.focuses(si);
         self.ray = si.spawn_ray(s.wi);
@@ -145,6 +157,8 @@ pub(super) struct LightSink {
     pub vertices: Vec<LightVertex>,
     /// Vertices for merging.
     pub photons: Vec<Photon>,
+    /// Densities of all vertices, where weights are aware of correlation.
+    pub links: Vec<Link>,
     pub splats: SplatBuffer,
     pub counters: Counters,
 }
@@ -154,6 +168,7 @@ impl LightSink {
     pub fn clear(&mut self) {
         self.vertices.clear();
         self.photons.clear();
+        self.links.clear();
         self.splats.clear();
         self.counters = Counters::default();
     }
@@ -169,12 +184,16 @@ pub(super) struct Collect {
 /// Follows one light path to its end.
 pub(super) fn trace(recipe: &Recipe, eta: f64, mut sampler: Sampler, collect: Collect, sink: &mut LightSink) {
     let Some(mut walk) = LightWalk::start(recipe, &mut sampler) else { return };
+    let (correlated, links) = (recipe.settings.correlation_aware, sink.links.len());
     // A vertex is of use while one more edge fits into the longest path.
     while walk.depth + 1 < recipe.max_depth {
         let Some(si) = walk.advance(recipe, &mut sink.counters) else { return };
+        if correlated {
+            correlation::arrive_from_light(recipe, &mut sink.links, links, &walk, &si);
+        }
         let bsdf = recipe.scene.bsdf(&si);
         if bsdf.lobes().intersects(LobeMask::SMOOTH) {
-            let vertex = walk.vertex(recipe, &si);
+            let vertex = LightVertex { links: links as u32, ..walk.vertex(recipe, &si) };
             if collect.splats && recipe.settings.light_image {
                 let u = if recipe.scene.camera.has_lens() { sampler.next_2d() } else { Default::default() };
                 connect_to_lens(recipe, eta, &vertex, &bsdf, u, sink);
@@ -190,11 +209,15 @@ pub(super) fn trace(recipe: &Recipe, eta: f64, mut sampler: Sampler, collect: Co
                     ng: si.ng,
                     beta: vertex.beta,
                     mis: vertex.mis,
+                    links: vertex.links,
                 });
             }
         }
         if !walk.scatter(recipe, &si, &bsdf, eta, &mut sampler) {
             return;
+        }
+        if correlated {
+            correlation::leave(&mut sink.links, &walk.last, &si, walk.ray.d);
         }
     }
 }
@@ -211,8 +234,13 @@ fn connect_to_lens(recipe: &Recipe, eta: f64, v: &LightVertex, bsdf: &Bsdf, u: V
     if f.is_black() {
         return;
     }
-    let w =
-        if recipe.settings.camera_paths { weight(lens_sums(recipe, eta, v, bsdf, we.wi, we.importance)) } else { 1.0 };
+    let w = match recipe.settings.camera_paths {
+        true => {
+            let links = recipe.settings.correlation_aware.then_some((&sink.links[..], we.dist as f64));
+            weight(lens_sums(recipe, eta, v, bsdf, (we.wi, we.importance), links))
+        }
+        false => 1.0,
+    };
     let value = v.beta * f * (we.importance * w as f32 / recipe.light_paths as f32);
     sink.counters.shadow_rays += 1;
     if !lens_sees(recipe, si, we.start) {
@@ -225,23 +253,27 @@ fn connect_to_lens(recipe: &Recipe, eta: f64, v: &LightVertex, bsdf: &Bsdf, u: V
     }
 }
 
-/// What the other techniques of a path that light tracing found amount to.
+/// What the other techniques of a path that light tracing found amount to. Weights that are aware of correlation need the
+/// links of the path and the distance of the lens.
 pub(super) fn lens_sums(
     recipe: &Recipe,
     eta: f64,
     v: &LightVertex,
     bsdf: &Bsdf,
-    to_lens: Vec3,
-    importance: f32,
+    (to_lens, importance): (Vec3, f32),
+    links: Option<(&[Link], f64)>,
 ) -> f64 {
     let rev = pdf_back(recipe, &v.si, bsdf, to_lens, v.si.wo);
     let pdf_a = importance as f64 * cosine(&v.si, to_lens);
+    if let Some((links, distance)) = links {
+        return correlation::lens_sums(recipe, eta, links, v, (pdf_a, rev), distance);
+    }
     let merge = if v.merges { eta } else { 0.0 };
     side(&v.mis, pdf_a / recipe.light_paths as f64, rev, merge)
 }
 
 /// Whether nothing stands between a vertex and the camera's near plane; hidden emitters do not.
-fn lens_sees(recipe: &Recipe, si: &SurfaceInteraction, start: Vec3) -> bool {
+pub(super) fn lens_sees(recipe: &Recipe, si: &SurfaceInteraction, start: Vec3) -> bool {
     let scene = recipe.scene;
     if !recipe.settings.hide_emitters {
         return scene.visible(si, (start, Vec3::ZERO, Vec3::ZERO));

@@ -6,9 +6,12 @@
 //! camera vertices near it (merging). Camera paths also meet lights and sample them. The balance heuristic weighs them all.
 
 mod camera_path;
+mod correlation;
+mod efficiency;
 mod grid;
 mod light_path;
 mod pass;
+mod pilot;
 mod radius;
 mod recipe;
 mod step;
@@ -16,6 +19,7 @@ mod step;
 mod tests;
 mod weights;
 
+pub use efficiency::{Technique, TechniqueChoice, choose_techniques};
 pub use pass::{Workspace, render_pass};
 pub use radius::{automatic_radius, radius_sq_ratio};
 pub use recipe::{Merging, Recipe, VcmSettings};

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use super::camera_path::{LightField, radiance};
+use super::correlation::Link;
 use super::grid::Grid;
 use super::light_path::{Collect, LightSink, LightVertex, trace};
 use super::{Merging, Recipe, VcmSettings};
@@ -89,6 +90,9 @@ impl Iteration<'_, '_> {
                 counters += batch.sink.counters;
             }
             grid.fill(batches.iter().map(|b| &b.sink.photons[..]), radius as f32);
+            if recipe.settings.correlation_aware {
+                grid.keep_links(batches.iter().map(|b| &b.sink.links[..]));
+            }
         }
         let (batches, grid) = (&batches[..], (!batches.is_empty() && !grid.is_empty()).then_some(&*grid));
         // Render tiles, and merge them in their order.
@@ -147,6 +151,7 @@ impl Iteration<'_, '_> {
             let path = row as u64 * window.crop_size.0 as u64 + column as u64;
             if own_light {
                 sink.vertices.clear();
+                sink.links.clear();
                 trace(recipe, eta, self.light_sampler(path), collect, &mut sink);
             }
             let vertices = if own_light { &sink.vertices[..] } else { vertices_of(batches, path) };
@@ -157,7 +162,8 @@ impl Iteration<'_, '_> {
                 Sampler::new(scene.sampler.sequence, key.with(((y as u64) << 32) | x as u64), self.sample);
             let film_pos = Vec2::new(x as f32, y as f32) + sampler.next_2d();
             let camera_ray = scene.camera_ray(film_pos, sampler.next_2d());
-            let field = LightField { vertices, bsdfs: &bsdfs, grid, eta };
+            let links = if own_light { &sink.links[..] } else { links_of(batches, path) };
+            let field = LightField { vertices, bsdfs: &bsdfs, grid, eta, links };
             let value = radiance(recipe, &camera_ray, &field, &mut sampler, &mut counters);
             counters.samples += 1;
             // Drop what is not a number, and say so.
@@ -172,6 +178,11 @@ impl Iteration<'_, '_> {
         counters += sink.counters;
         Done { tile, splats: sink.splats, counters }
     }
+}
+
+/// The links of the batch that a light path is in.
+fn links_of(batches: &[Batch], path: u64) -> &[Link] {
+    batches.get((path / PATHS_PER_BATCH) as usize).map_or(&[], |b| &b.sink.links)
 }
 
 /// The vertices of one light path.

@@ -87,6 +87,7 @@ impl Recipe<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::integrator::VcmSettings;
 
     #[test]
     fn the_schedule_is_its_closed_form() {
@@ -112,5 +113,16 @@ mod tests {
                 assert!((radius_sq_ratio(pass, alpha).sqrt() - r).abs() < 6e-5, "pass {pass}, alpha {alpha}");
             }
         }
+    }
+
+    #[test]
+    fn radius_scale_multiplies_the_radius_that_was_fitted() {
+        let text = r#"<scene version="3.0.0"><sensor type="perspective"><film type="hdrfilm"><integer name="width" value="16"/>
+            <integer name="height" value="16"/></film></sensor><shape type="rectangle"><transform name="to_world">
+            <translate z="3"/></transform><bsdf type="twosided"><bsdf type="plastic"/></bsdf></shape>
+            <shape type="sphere"><point name="center" x="0" y="0" z="5"/><bsdf type="dielectric"/></shape></scene>"#;
+        let scene = Scene::from_text(text, std::path::Path::new("test.xml"), &Default::default()).expect("a scene");
+        let radius = |s| Recipe::new(&scene, &VcmSettings { radius_scale: s, ..VcmSettings::default() }).first_radius;
+        assert!(radius(1.0) > 0.0 && radius(0.25) == 0.25 * radius(1.0));
     }
 }

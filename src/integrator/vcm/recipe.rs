@@ -1,4 +1,5 @@
 use super::radius::automatic_radius;
+use super::weights::Mis;
 use crate::bsdf::{LobeMask, may_have};
 use crate::geometry::SurfaceInteraction;
 use crate::integrator::MaxDepth;
@@ -27,6 +28,8 @@ pub struct VcmSettings {
     pub camera_paths: bool,
     /// Connections, next-event estimation and light tracing.
     pub connect: bool,
+    /// Connections of light vertices to camera vertices.
+    pub connect_vertices: bool,
     /// Connections of light vertices to the lens.
     pub light_image: bool,
     pub merging: Merging,
@@ -36,6 +39,10 @@ pub struct VcmSettings {
     pub initial_radius: Option<f32>,
     /// A radius that was fitted is multiplied by this.
     pub radius_scale: f32,
+    /// Counts merges for less where they share a camera path [Grittmann 2021].
+    pub correlation_aware: bool,
+    /// A short pilot decides which techniques are worth their cost; see [`super::choose_techniques`].
+    pub efficiency_aware: bool,
 }
 
 impl Default for VcmSettings {
@@ -47,11 +54,14 @@ impl Default for VcmSettings {
             hide_emitters: false,
             camera_paths: true,
             connect: true,
+            connect_vertices: true,
             light_image: true,
             merging: Merging::Focused,
             alpha: 2.0 / 3.0,
             initial_radius: None,
             radius_scale: 1.0,
+            correlation_aware: false,
+            efficiency_aware: false,
         }
     }
 }
@@ -90,6 +100,7 @@ struct SurfaceClass {
 }
 
 /// The settings with everything that the scene decides.
+#[derive(Clone)]
 pub struct Recipe<'s> {
     pub scene: &'s Scene,
     pub settings: VcmSettings,
@@ -108,6 +119,7 @@ impl<'s> Recipe<'s> {
     pub fn new(scene: &'s Scene, settings: &VcmSettings) -> Self {
         let mut settings = *settings;
         if !settings.connect {
+            settings.connect_vertices = false;
             settings.light_image = false;
             settings.merging = Merging::All;
         }
@@ -125,6 +137,7 @@ impl<'s> Recipe<'s> {
         if !mergeable || (settings.merging == Merging::Focused && !focusing) {
             settings.merging = Merging::Off;
         }
+        settings.correlation_aware &= settings.merging != Merging::Off;
         let first_radius = match settings.initial_radius {
             _ if settings.merging == Merging::Off => 0.0,
             Some(r) => r as f64 * scene.to_scene.scale,
@@ -142,6 +155,11 @@ impl<'s> Recipe<'s> {
         }
     }
 
+    /// The same with other techniques.
+    pub(super) fn with(&self, settings: VcmSettings) -> Self {
+        Self { settings, ..self.clone() }
+    }
+
     /// Whether light leaves vertices for anybody.
     pub fn traces_light(&self) -> bool {
         let used = self.settings.light_image || self.settings.merging != Merging::Off || self.connects();
@@ -150,7 +168,20 @@ impl<'s> Recipe<'s> {
 
     /// Whether camera vertices are connected to light vertices.
     pub fn connects(&self) -> bool {
-        self.settings.connect && self.settings.camera_paths
+        self.settings.connect_vertices && self.settings.camera_paths
+    }
+
+    /// Settles the sums of a walk at vertex `depth`: beyond the first one, `dvcm` stands for a connection of the edge before.
+    #[inline]
+    pub(super) fn settle(&self, mis: &mut Mis, depth: u32) {
+        if depth > 1 && !self.settings.connect_vertices {
+            mis.dvcm = 0.0;
+        }
+    }
+
+    /// Whether some surface can focus light.
+    pub(super) fn has_focusing(&self) -> bool {
+        self.classes.iter().any(|c| c.focusing)
     }
 
     /// Whether light leaving `si` can be merged at the next vertex.

@@ -1,6 +1,7 @@
 //! What walks from the camera and from lights have in common.
 
 use super::Recipe;
+use super::correlation::Trails;
 use super::weights::Mis;
 use crate::bsdf::{Bsdf, BsdfSample, LobeMask, Mode};
 use crate::geometry::SurfaceInteraction;
@@ -14,6 +15,17 @@ pub(super) struct CameraVertex<'a> {
     pub depth: u32,
     /// `eta` when the vertex can be merged with light from a vertex that focuses.
     pub merge: f64,
+    /// Where weights are aware of correlation.
+    pub trails: Option<Trails<'a>>,
+}
+
+/// How a walk left a vertex.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Scattered {
+    /// Densities per steradian of the direction taken and of the way back. Of a discrete choice the first is taken for 1.
+    pub fwd: f64,
+    pub rev: f64,
+    pub delta: bool,
 }
 
 /// |cosine| to the geometric normal: densities per area count on the surface itself, not on what shading makes of it.
@@ -62,12 +74,15 @@ impl Recipe<'_> {
         bsdf: &Bsdf,
         s: &BsdfSample,
         merge: (f64, f64),
-    ) {
+    ) -> Scattered {
         if s.lobe.intersects(LobeMask::SMOOTH) {
             let rev = pdf_back(self, si, bsdf, s.wi, si.wo);
             mis.scatter(cosine(si, s.wi), (s.pdf as f64, rev), self.connect, merge);
+            Scattered { fwd: s.pdf as f64, rev, delta: false }
         } else {
-            mis.scatter_delta(discrete_ratio(self, si, bsdf, s));
+            let ratio = discrete_ratio(self, si, bsdf, s);
+            mis.scatter_delta(ratio);
+            Scattered { fwd: 1.0, rev: ratio / cosine(si, s.wi), delta: true }
         }
     }
 }

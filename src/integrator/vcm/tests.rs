@@ -4,8 +4,9 @@ use std::f64::consts::PI;
 use std::path::Path as FilePath;
 
 use super::camera_path::{CameraWalk, connection_sums, escape_densities, hit_densities, next_event_sums};
+use super::correlation::{self, Link, Trails};
 use super::light_path::{LightVertex, LightWalk, lens_sums};
-use super::step::CameraVertex;
+use super::step::{CameraVertex, Scattered, pdf_back};
 use super::weights::{Mis, emitter_hit, merged_side, side, weight};
 use super::{Merging, Recipe, VcmSettings};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
@@ -210,6 +211,23 @@ impl FullPath {
         d
     }
 
+    /// The factor of a merge at vertex `i` [Grittmann 2021].
+    fn correlation(&self, recipe: &Recipe, d: &Densities, i: usize) -> f64 {
+        let k = self.x.len() - 1;
+        if i == k - 1 {
+            return 1.0;
+        }
+        let a = PI * dist_sq(self.x[k].p, self.x[k - 1].p) * 1f64.to_radians().tan().powi(2);
+        // Mirrors leave no choice of the next vertex.
+        let chance = |density: f64, from: usize| if self.x[from].delta { 1.0 } else { (density * a).min(1.0) };
+        let camera: f64 = (i..k).map(|j| chance(d.camera[j], j + 1)).product();
+        let light = &recipe.scene.lights[self.light];
+        let end = if light.is_delta() || light.is_distant() { a } else { a * a };
+        let light =
+            (2..=i).map(|j| chance(d.light[j], j - 1)).product::<f64>() * (d.light[0] * d.light[1] * end).min(1.0);
+        camera / (camera + light - camera * light)
+    }
+
     /// All techniques with the number of times that each is tried times its density.
     fn techniques(&self, recipe: &Recipe, d: &Densities, eta: f64) -> Vec<(Technique, f64)> {
         let k = self.x.len() - 1;
@@ -223,7 +241,7 @@ impl FullPath {
                 all.push((Technique::Connect(1), d.direct * camera(1)));
             }
             for s in 2..k {
-                if smooth(s - 1) && smooth(s) {
+                if smooth(s - 1) && smooth(s) && recipe.settings.connect_vertices {
                     all.push((Technique::Connect(s), light(s) * camera(s)));
                 }
             }
@@ -236,7 +254,8 @@ impl FullPath {
             let focused =
                 if i == 1 { recipe.merges_direct() } else { recipe.focuses(&self.x[i - 1].si.expect("a surface")) };
             if smooth(i) && recipe.mergeable(&si) && focused {
-                all.push((Technique::Merge(i), light(i + 1) * camera(i) * eta));
+                let rho = if recipe.settings.correlation_aware { self.correlation(recipe, d, i) } else { 1.0 };
+                all.push((Technique::Merge(i), light(i + 1) * camera(i) * eta * rho));
             }
         }
         all
@@ -273,6 +292,7 @@ impl FullPath {
                 let mut mis = light[i];
                 scatter(&mut mis, i, self.dir[i], self.scattering(scene, i), merge_at(i, i - 1), 0.0);
                 mis.arrive(dist_sq(self.x[i].p, self.x[i + 1].p), cos(self.x[i + 1].n, self.dir[i]));
+                recipe.settle(&mut mis, i as u32 + 1);
                 light[i + 1] = mis;
             }
         }
@@ -288,6 +308,9 @@ impl FullPath {
                 mis.arrive(dist_sq(self.x[i].p, self.x[i - 1].p), cos(self.x[i - 1].n, self.dir[i - 1]));
             }
             mis.resolve(true);
+            if i > 1 {
+                recipe.settle(&mut mis, (k - i + 1) as u32);
+            }
             camera[i - 1] = mis;
         }
         (light, camera)
@@ -340,6 +363,7 @@ struct Walked {
     /// On arrival at each vertex but the first.
     mis: Vec<Mis>,
     light: usize,
+    links: Vec<Link>,
 }
 
 const LONGEST: usize = 6;
@@ -351,14 +375,17 @@ fn vertex(si: &SurfaceInteraction) -> Vertex {
 fn walk_from_light(recipe: &Recipe, eta: f64, sampler: &mut Sampler) -> Option<Walked> {
     let mut walk = LightWalk::start(recipe, sampler)?;
     let end = Vertex { p: walk.le.p, n: walk.le.n, si: None, delta: false };
-    let mut w = Walked { x: vec![end], dir: vec![walk.ray.d], mis: vec![Mis::default()], light: walk.light.0 };
+    let mut w =
+        Walked { x: vec![end], dir: vec![walk.ray.d], mis: vec![Mis::default()], light: walk.light.0, links: vec![] };
     while w.x.len() < LONGEST {
         let Some(si) = walk.advance(recipe, &mut Counters::default()) else { break };
         w.x.push(vertex(&si));
         w.mis.push(walk.mis);
+        correlation::arrive_from_light(recipe, &mut w.links, 0, &walk, &si);
         if !walk.scatter(recipe, &si, &recipe.scene.bsdf(&si), eta, sampler) {
             break;
         }
+        correlation::leave(&mut w.links, &walk.last, &si, walk.ray.d);
         w.x.last_mut().expect("just pushed").delta = walk.mis.dvcm == 0.0;
         w.dir.push(walk.ray.d);
     }
@@ -372,6 +399,8 @@ struct Trial<'a> {
     /// Paths by technique: connections, light sampling, light tracing, lights met.
     counts: [u64; 4],
     worst: f64,
+    /// Merges whose weights were compared.
+    merges: u64,
 }
 
 impl Trial<'_> {
@@ -417,8 +446,10 @@ impl Trial<'_> {
             );
             self.worst = self.worst.max(off);
         }
-        let mut sum = 0.0;
-        for &(t, density) in all.iter().filter(|t| t.1 > 0.0) {
+        let mut sum = if self.recipe.settings.correlation_aware { 1.0 } else { 0.0 };
+        // Without partial sums there is nothing to replay.
+        let replayed = if sum == 0.0 { &all[..] } else { &[] };
+        for &(t, density) in replayed.iter().filter(|t| t.1 > 0.0) {
             let w = path.weight_of(self.recipe, t, &d, self.eta);
             assert!((w - density / total).abs() < 1e-5, "{t:?} of {}: {} and {w}", path.describe(), density / total);
             sum += w;
@@ -461,6 +492,7 @@ impl Trial<'_> {
                         dir: vec![],
                         mis: vec![],
                         light: 0,
+                        links: vec![],
                     };
                     let path = self.join(l, s, &camera, 1, we.wi);
                     let sums = lens_sums(
@@ -468,8 +500,8 @@ impl Trial<'_> {
                         self.eta,
                         &self.light_vertex(l, s - 1),
                         &scene.bsdf(&si),
-                        we.wi,
-                        we.importance,
+                        (we.wi, we.importance),
+                        recipe.settings.correlation_aware.then_some((&l.links[..], we.dist as f64)),
                     );
                     self.check(&path, Technique::Connect(s), weight(sums));
                     self.check_sums(&path, l, s);
@@ -481,7 +513,7 @@ impl Trial<'_> {
         let camera_ray = scene.camera_ray(random.next_2d() * 16.0, random.next_2d());
         let mut walk = CameraWalk::start(recipe, &camera_ray);
         let lens = Vertex { p: camera_ray.lens, n: Vec3::ZERO, si: None, delta: false };
-        let mut c = Walked { x: vec![lens], dir: vec![], mis: vec![], light: 0 };
+        let mut c = Walked { x: vec![lens], dir: vec![], mis: vec![], light: 0, links: vec![] };
         while c.x.len() < LONGEST {
             c.dir.push(walk.ray.d);
             let from = walk.from;
@@ -489,30 +521,35 @@ impl Trial<'_> {
                 if let (Some(index), true) = (scene.environment, c.x.len() > 1) {
                     let d = walk.ray.d;
                     let end = Vertex { p: from, n: -d, si: None, delta: false };
-                    let l = Walked { x: vec![end], dir: vec![], mis: vec![], light: index as usize };
+                    let l = Walked { x: vec![end], dir: vec![], mis: vec![], light: index as usize, links: vec![] };
                     let (direct, emit) = escape_densities(scene, from, d);
                     walk.depth += 1;
                     let path = self.join_hit(&l, &c, -d);
-                    self.check(&path, Technique::Connect(0), walk.emitter_weight(recipe, direct, emit) as f64);
+                    let w = walk.hit_weight(recipe, self.eta, &c.links, (direct, emit), true);
+                    self.check(&path, Technique::Connect(0), w as f64);
                 }
                 break;
             };
+            correlation::arrive_from_camera(recipe, &mut c.links, &walk, &si);
             walk.arrive(&si);
             if let (Some(index), true) = (scene.shape_lights[si.shape as usize], c.x.len() > 1)
                 && si.wo.dot(si.ng) > 0.0
             {
                 let end = Vertex { p: si.p, n: si.ng, si: None, delta: false };
-                let l = Walked { x: vec![end], dir: vec![], mis: vec![], light: index as usize };
+                let l = Walked { x: vec![end], dir: vec![], mis: vec![], light: index as usize, links: vec![] };
                 let (direct, emit) = hit_densities(scene, &si, from);
                 let path = self.join_hit(&l, &c, si.wo);
-                self.check(&path, Technique::Connect(0), walk.emitter_weight(recipe, direct, emit) as f64);
+                let w = walk.hit_weight(recipe, self.eta, &c.links, (direct, emit), false);
+                self.check(&path, Technique::Connect(0), w as f64);
             }
             walk.mis.resolve(recipe.focuses(&si));
+            recipe.settle(&mut walk.mis, walk.depth);
             c.x.push(vertex(&si));
             self.use_vertex(&c, &walk, &si, light.as_ref(), &mut numbers);
             if !walk.scatter(recipe, &si, &scene.bsdf(&si), self.eta, &mut random) {
                 break;
             }
+            correlation::leave(&mut c.links, &walk.last, &si, walk.ray.d);
             c.x.last_mut().expect("just pushed").delta = walk.mis.dvcm == 0.0;
         }
     }
@@ -529,7 +566,7 @@ impl Trial<'_> {
         let si = l.x[i].si.expect("a surface");
         let focused = l.x[i - 1].si.map_or(self.recipe.merges_direct(), |si| self.recipe.focuses(&si));
         let merges = focused && self.recipe.mergeable(&si);
-        LightVertex { si, beta: crate::color::Rgb::WHITE, mis: l.mis[i], depth: i as u32, merges }
+        LightVertex { si, beta: crate::color::Rgb::WHITE, mis: l.mis[i], depth: i as u32, merges, links: 0 }
     }
 
     /// Light sampling and connections from the last vertex of `c`.
@@ -545,17 +582,22 @@ impl Trial<'_> {
         let t = c.x.len();
         let bsdf = scene.bsdf(si);
         let merge = if recipe.mergeable(si) { self.eta } else { 0.0 };
-        let v = CameraVertex { si, bsdf: &bsdf, mis: &walk.mis, depth: walk.depth, merge };
+        let links = light.map_or(&[][..], |l| &l.links);
+        let trails = recipe.settings.correlation_aware.then_some(Trails { camera: &c.links, light: links });
+        let v = CameraVertex { si, bsdf: &bsdf, mis: &walk.mis, depth: walk.depth, merge, trails };
         if let Some((index, _)) = scene.selector.sample(numbers.next_1d())
             && let Some(li) = scene.lights[index].sample_li(&scene.light_context(), si.p, numbers.next_2d())
             && self.smooth(&c.x[t - 1], si.wo, li.wi, Mode::Radiance)
         {
             let end = Vertex { p: li.p, n: li.n, si: None, delta: false };
-            let l = Walked { x: vec![end], dir: vec![], mis: vec![], light: index };
+            let l = Walked { x: vec![end], dir: vec![], mis: vec![], light: index, links: vec![] };
             let path = self.join(&l, 1, c, t, -li.wi);
-            self.check(&path, Technique::Connect(1), weight(next_event_sums(recipe, &v, index, &li)));
+            self.check(&path, Technique::Connect(1), weight(next_event_sums(recipe, &v, self.eta, index, &li)));
         }
         let Some(l) = light else { return };
+        if recipe.settings.connect && !recipe.settings.connect_vertices {
+            return;
+        }
         for s in 2..=l.x.len() {
             let end = l.x[s - 1].si.expect("a surface");
             let d = end.p - si.p;
@@ -569,8 +611,34 @@ impl Trial<'_> {
                 let sums = connection_sums(recipe, &v, &z, &scene.bsdf(&end), between, self.eta);
                 self.check(&path, Technique::Connect(s), weight(sums));
                 self.check_sums(&path, l, s);
+                if recipe.settings.correlation_aware {
+                    self.check_merge(&path, &v, &c.links, (l, s), w);
+                }
             }
         }
+    }
+
+    /// The light path goes on to the camera's vertex `v`, along −`w`, and is merged there.
+    fn check_merge(&mut self, path: &FullPath, v: &CameraVertex, camera: &[Link], (l, s): (&Walked, usize), w: Vec3) {
+        let recipe = self.recipe;
+        let d = path.densities(recipe.scene);
+        let all = path.techniques(recipe, &d, self.eta);
+        let total: f64 = all.iter().map(|t| t.1).sum();
+        let Some((_, density)) = all.iter().find(|t| t.0 == Technique::Merge(s)) else { return };
+        let y = l.x[s - 1].si.expect("a surface");
+        let bsdf = recipe.scene.bsdf(&y);
+        let last = Scattered {
+            fwd: bsdf.pdf(y.wo, -w, Mode::Importance, LobeMask::ALL) as f64,
+            rev: pdf_back(recipe, &y, &bsdf, -w, y.wo),
+            delta: false,
+        };
+        let mut links = l.links[..s].to_vec();
+        correlation::leave(&mut links, &last, &y, -w);
+        let photon = SurfaceInteraction { wo: w, ..*v.si };
+        correlation::arrive(recipe, &mut links, &last, (y.p - v.si.p).length_squared() as f64, &photon);
+        let (measured, brute) = (weight(correlation::merge_sums(recipe, v, camera, &links, w)), density / total);
+        assert!((measured - brute).abs() < 1e-5, "merge {s} of {}: {brute}, {measured}", path.describe());
+        self.merges += 1;
     }
 }
 
@@ -589,16 +657,25 @@ fn check_all(scene: &Scene) {
         ("all", VcmSettings { merging: Merging::All, ..any }),
         ("bdpt", VcmSettings::bdpt()),
         ("no light image", VcmSettings { light_image: false, ..any }),
+        ("no vertices connected", VcmSettings { connect_vertices: false, ..any }),
+        ("no vertices connected, all", VcmSettings { connect_vertices: false, merging: Merging::All, ..any }),
+        ("light samples", VcmSettings { connect_vertices: false, light_image: false, ..VcmSettings::bdpt() }),
         ("bpm", VcmSettings { connect: false, ..any }),
+        ("correlated, focused", VcmSettings { correlation_aware: true, ..any }),
+        ("correlated, all", VcmSettings { correlation_aware: true, merging: Merging::All, ..any }),
+        ("correlated, no light image", VcmSettings { correlation_aware: true, light_image: false, ..any }),
+        ("correlated, bpm", VcmSettings { correlation_aware: true, connect: false, ..any }),
     ];
     for (name, settings) in variants {
         let recipe = Recipe::new(scene, &settings);
         let eta = PI * recipe.first_radius.powi(2) * recipe.light_paths as f64;
-        let mut trial = Trial { recipe: &recipe, eta, counts: [0; 4], worst: 0.0 };
+        let mut trial = Trial { recipe: &recipe, eta, counts: [0; 4], worst: 0.0, merges: 0 };
         for index in 0..TRIALS {
             trial.run(index);
         }
-        assert!(trial.counts[0] > TRIALS / 10 && trial.counts[1] > TRIALS / 10, "{name}: {:?}", trial.counts);
+        let connected = trial.counts[0] > TRIALS / 10 || (settings.connect && !settings.connect_vertices);
+        assert!(trial.merges > TRIALS / 10 || !settings.correlation_aware, "{name}: {} merges", trial.merges);
+        assert!(connected && trial.counts[1] > TRIALS / 10, "{name}: {:?}", trial.counts);
     }
 }
 
@@ -619,11 +696,4 @@ fn weights_are_those_of_brute_force_where_photons_are_shared_out() {
     let point = FINITE.rfind("</emitter>").expect("the point light is the last");
     check_all(&load("perspective", &format!("{}{share}", &FINITE[..point])));
     check_all(&load("orthographic", &DISTANT.replacen("</emitter>", share, 1)));
-}
-
-#[test]
-fn radius_scale_multiplies_the_radius_that_was_fitted() {
-    let scene = load("perspective", FINITE);
-    let radius = |s| Recipe::new(&scene, &VcmSettings { radius_scale: s, ..VcmSettings::default() }).first_radius;
-    assert!(radius(1.0) > 0.0 && radius(0.25) == 0.25 * radius(1.0));
 }

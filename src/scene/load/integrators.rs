@@ -83,11 +83,22 @@ const INTEGRATORS: &[(&str, Params)] = &[
             ("max_passes", Depth),
             ("light_image", Switch),
             ("connect", Switch),
+            ("connect_vertices", Switch),
+            ("correlation_aware", Switch),
+            ("efficiency_aware", Switch),
             ("merge", Switch),
             ("merge_all", Switch),
         ],
     ),
-    ("bdpt", &[("light_image", Switch), ("sample_direct", Switch)]),
+    (
+        "bdpt",
+        &[
+            ("light_image", Switch),
+            ("connect_vertices", Switch),
+            ("efficiency_aware", Switch),
+            ("sample_direct", Switch),
+        ],
+    ),
     ("ptracer", &[("samples_per_pass", Ignored)]),
     ("volpath", &[]),
     ("volpathmis", &[]),
@@ -157,6 +168,15 @@ pub(super) fn integrator(q: Query) -> Result<IntegratorSettings, SceneError> {
         return Err(q.error_at("chi_squared_radius", "\"chi_squared_radius\" with photon_sampling \"visibility\"").help(
             "photons of Markov chains are not independent, so that a test would find them uneven: leave one of the two out",
         ));
+    }
+    if settings.boolean("correlation_aware") == Some(true)
+        && settings.boolean("merge") == Some(false)
+        && settings.boolean("merge_all") != Some(true)
+        && settings.boolean("connect") != Some(false)
+    {
+        return Err(q
+            .error_at("correlation_aware", "\"correlation_aware\" without merging")
+            .help("it weighs merges, and \"merge\" is false here: leave one of the two out"));
     }
     q.finish()?;
     Ok(settings)
