@@ -59,6 +59,54 @@ fn kill_9_loses_nothing_but_the_passes_since_the_last_checkpoint() {
     assert_eq!(f.bytes("whole.pfm"), f.bytes("broken.pfm"));
 }
 
+/// As above with layers of the photon maps beside the picture, every channel of the file alike.
+#[test]
+fn layers_survive_kill_9_and_merge() {
+    let mapper = "<integrator type=\"photonmapper\"><boolean name=\"final_gather\" value=\"false\"/></integrator>";
+    let f = Folder::new(&SCENE.replace("<integrator type=\"ppm\"/>", mapper));
+    let render =
+        "render scene.xml -q --float --passes 8 --spp 8 --photons 2000 --threads 2 --aov caustic,direct,density";
+    f.succeeds(&format!("{render} -o whole.exr"));
+    let mut args = format!("{render} -o broken.exr --checkpoint c.ckpt --every 0s");
+    for attempt in 0..6u64 {
+        let before = std::fs::metadata(f.path("c.ckpt")).and_then(|m| m.modified()).ok();
+        let mut child = f.command(&args).spawn().expect("the program starts");
+        let deadline = Instant::now() + Duration::from_secs(60);
+        let changed = || std::fs::metadata(f.path("c.ckpt")).and_then(|m| m.modified()).ok() != before;
+        while !changed() && child.try_wait().expect("a child").is_none() && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_micros(200));
+        }
+        std::thread::sleep(Duration::from_micros(attempt * 1733 % 7000));
+        let _ = child.kill();
+        child.wait().expect("a child");
+        caustica::render::Checkpoint::read(&f.path("c.ckpt")).expect("a whole checkpoint after a kill");
+        args = format!("{render} -o broken.exr --checkpoint c.ckpt --every 0s --resume c.ckpt");
+    }
+    f.succeeds(&args);
+    let channels = |name: &str| {
+        let image = f.image(name);
+        let names: Vec<String> = image.channels().iter().map(|c| c.name.clone()).collect();
+        names.into_iter().map(|n| (image.channel(&n).expect("a channel").to_vec(), n)).collect::<Vec<_>>()
+    };
+    assert_eq!(f.image("whole.exr").pixels(), f.image("broken.exr").pixels());
+    assert_eq!(channels("whole.exr"), channels("broken.exr"));
+    assert!(channels("whole.exr").iter().any(|(_, name)| name == "density.Y"), "no layers");
+    // Parts merge, layers included, into pictures of either kind.
+    for (range, name) in [("0..3", "a"), ("3..8", "b")] {
+        f.succeeds(&format!("{render} --pass-range {range} -o part.exr --checkpoint {name}.ckpt"));
+    }
+    f.succeeds("merge b.ckpt a.ckpt --float -o merged.exr -o merged.png");
+    for ((a, name), (b, other)) in channels("whole.exr").iter().zip(&channels("merged.exr")) {
+        assert_eq!(name, other);
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-6 * a.abs()), "{name}");
+    }
+    assert!(f.path("merged.density.png").exists());
+    // Other layers do not go on and do not merge.
+    f.fails(&format!("{} -o x.exr --resume a.ckpt", render.replace(",density", "")), 2, &["density", "--aov"]);
+    f.succeeds(&format!("{} -o x.exr --pass-range 3..4 --checkpoint d.ckpt", render.replace(",density", "")));
+    f.fails("merge a.ckpt d.ckpt -o x.exr", 2, &["caustic, direct, density"]);
+}
+
 #[test]
 fn pass_ranges_merge_to_the_whole() {
     let f = Folder::new(SCENE);

@@ -205,5 +205,4 @@ fn layers_are_written_into_and_beside_the_picture() {
     f.fails("render scene.xml --aov cache", 2, &["irradiance_cache"]);
     f.fails("render scene.xml --aov caustic --integrator path", 2, &["caustic", "path", "--integrator photonmapper"]);
     f.fails("render scene.xml --aov caustics", 2, &["caustics", "density"]);
-    f.fails("render scene.xml --aov caustic --checkpoint c.cpt", 2, &["checkpoints do not keep the layers"]);
 }

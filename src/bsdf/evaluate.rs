@@ -56,6 +56,21 @@ pub fn evaluate(
     }
 }
 
+/// The reflectances of both sides of a material for which [`evaluate`] gives [`Bsdf::Diffuse`] everywhere, or
+/// [`Bsdf::Black`], which is `None`. `None` for all other materials.
+#[inline(always)]
+pub fn plain_colors(materials: &[Material], id: MaterialId) -> Option<[Option<Rgb>; 2]> {
+    let color = |id: MaterialId| match &materials[id.0 as usize] {
+        Material::Diffuse { reflectance } => Some(*reflectance),
+        _ => None,
+    };
+    match &materials[id.0 as usize] {
+        Material::TwoSided { front, back } => Some([Some(color(*front)?), Some(color(*back)?)]),
+        Material::Diffuse { reflectance } => Some([Some(*reflectance), None]),
+        _ => None,
+    }
+}
+
 /// [`evaluate`] of a material that is not diffuse, from where its two-sided shells end: the nested material, whether the
 /// viewer is in front of it, and whether its normal is turned.
 #[inline(never)]

@@ -30,7 +30,7 @@ mod tests;
 
 pub use check::{MaterialError, check, may_have};
 pub use diffuse::DiffuseBsdf;
-pub use evaluate::evaluate;
+pub use evaluate::{evaluate, plain_colors};
 pub use fresnel::{Fresnel, Ior, diffuse_reflectance, fresnel_conductor};
 pub use ior::{IOR_NAMES, ior_by_name};
 pub use lobe::{Lobe, LobeMask};

@@ -13,17 +13,6 @@ pub fn wanted(a: &RenderArgs) -> Vec<Layer> {
     Layer::ALL.into_iter().filter(|&l| a.aov.iter().any(|aov| aov.layer() == Some(l))).collect()
 }
 
-/// Refuses what cannot be done with layers.
-pub fn check(a: &RenderArgs) -> Result<(), CliError> {
-    if !wanted(a).is_empty() && (a.checkpoint.is_some() || a.resume.is_some()) {
-        let layers = "photons, caustic, global, direct, density and cache";
-        return Err(CliError::Usage(format!(
-            "checkpoints do not keep the layers {layers}: render without --checkpoint and --resume"
-        )));
-    }
-    Ok(())
-}
-
 /// Writes the layers of `image` beside every .png among `outputs`: colours as they are, numbers in false colour over a
 /// scale bar. Returns the files.
 pub fn write_beside(

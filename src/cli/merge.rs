@@ -2,7 +2,7 @@
 
 use super::args::MergeArgs;
 use super::render::clamp_line;
-use super::{CliError, print};
+use super::{CliError, layers, print};
 use crate::image::{Format, WriteOptions};
 use crate::render::Checkpoint;
 
@@ -23,7 +23,11 @@ pub fn run(a: &MergeArgs) -> Result<u8, CliError> {
     for path in &a.output {
         if Format::from_path(path).is_some() {
             let options = WriteOptions { exposure: a.exposure, half: !a.float, ..WriteOptions::default() };
-            crate::image::write(path, &describe(&merged), &options).map_err(CliError::Output)?;
+            let image = describe(&merged);
+            crate::image::write(path, &image, &options).map_err(CliError::Output)?;
+            for file in layers::write_beside(std::slice::from_ref(path), &image, &merged.layers(), &options)? {
+                print(&format!("wrote {}", file.display()));
+            }
         } else {
             merged.write(path)?;
         }

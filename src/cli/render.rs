@@ -42,7 +42,6 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     let started = Instant::now();
     // Refuse what cannot be written before any work is done.
     let mut outputs = outputs(a)?;
-    layers::check(a)?;
     super::set_threads(a.scene.threads)?;
     let mut scene = super::load_scene(&a.scene)?;
     let mut overrides = PlanOverrides {

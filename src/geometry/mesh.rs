@@ -16,7 +16,7 @@ impl PaddedVec3s {
     }
 
     /// The elements, without the padding.
-    #[inline]
+    #[inline(always)]
     pub fn as_slice(&self) -> &[Vec3] {
         match self.data.split_last() {
             Some((_, elements)) => elements,
@@ -24,12 +24,12 @@ impl PaddedVec3s {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn len(&self) -> usize {
         self.data.len().saturating_sub(1)
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -71,10 +71,11 @@ pub struct TriangleMesh {
 }
 
 impl TriangleMesh {
-    #[inline]
+    #[inline(always)]
     pub fn triangle(&self, prim: u32) -> [Vec3; 3] {
         let p = self.positions.as_slice();
-        self.indices[prim as usize].map(|i| p[i as usize])
+        let [a, b, c] = self.indices[prim as usize];
+        [p[a as usize], p[b as usize], p[c as usize]]
     }
 
     pub fn bounds(&self) -> Bounds3 {

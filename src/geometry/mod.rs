@@ -20,5 +20,6 @@ pub use ray::{Hit, NO_INSTANCE, Ray};
 pub use set::{GeometrySet, Instance, SurfaceInteraction};
 pub use shape::{Cylinder, Disk, Shape, Sphere};
 pub use triangle::{
-    PreciseRay, RETEST, ShearedRay, intersect_triangle, is_traceable, triangle_normal, triangle_point_error,
+    PreciseRay, RETEST, ShearedRay, intersect_triangle, is_traceable, quick_normal, triangle_normal,
+    triangle_point_error, unit_or,
 };

@@ -112,6 +112,17 @@ impl GeometrySet {
         self.other_interaction(ray, hit)
     }
 
+    /// The corners of the triangle that was hit and whether its normal is turned, if it shades flat and is not instanced.
+    #[inline(always)]
+    pub fn flat_triangle(&self, hit: &Hit) -> Option<([Vec3; 3], bool)> {
+        match &self.shapes[hit.shape as usize] {
+            Shape::Mesh(mesh) if hit.instance == NO_INSTANCE && mesh.normals.is_none() => {
+                Some((mesh.triangle(hit.prim), mesh.flip_normals))
+            }
+            _ => None,
+        }
+    }
+
     /// Brings what [`GeometrySet::interaction`] will read of large meshes into the caches, for many hits at a time: one waits
     /// for memory while the others do.
     pub fn touch(&self, hits: &[Option<Hit>]) {

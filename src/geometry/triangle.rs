@@ -112,14 +112,19 @@ impl PreciseRay {
 /// The unit normal of a triangle by the right-hand rule; `None` for zero area.
 #[inline]
 pub fn triangle_normal(p: [Vec3; 3]) -> Option<Vec3> {
+    let (n, good) = quick_normal(p);
+    if good { Some(n) } else { needle_normal(p) }
+}
+
+/// [`triangle_normal`] in f32 alone, and whether that is good enough.
+#[inline(always)]
+pub fn quick_normal(p: [Vec3; 3]) -> (Vec3, bool) {
     // With an angle of 6° or more between the edges, f32 is good to 20 ulps.
     let (e1, e2) = (p[1] - p[0], p[2] - p[0]);
     let n = e1.cross(e2);
     let len_sq = n.length_squared();
-    if len_sq > 0.01 * (e1.length_squared() * e2.length_squared()) && (1e-30..1e30).contains(&len_sq) {
-        return Some(n / len_sq.sqrt());
-    }
-    needle_normal(p)
+    let wide = len_sq > 0.01 * (e1.length_squared() * e2.length_squared());
+    (n / len_sq.sqrt(), wide & (1e-30..1e30).contains(&len_sq))
 }
 
 /// [`triangle_normal`] in f64, so that needles keep theirs.
@@ -140,11 +145,11 @@ fn needle_normal(p: [Vec3; 3]) -> Option<Vec3> {
 pub const RETEST: f32 = 8.0 * f32::EPSILON;
 
 /// Bound on the rounding error of each coordinate of `p = Σ b_i p_i`, and on the error of a test that starts there.
-#[inline]
+#[inline(always)]
 pub fn triangle_point_error(tri: [Vec3; 3], b: [f32; 3], p: Vec3) -> Vec3 {
     let sum = (b[0] * tri[0]).abs() + (b[1] * tri[1]).abs() + (b[2] * tri[2]).abs();
     // At least the largest distance to a corner, at most three times as much.
-    let reach = tri.iter().fold(Vec3::ZERO, |r, c| r.max((*c - p).abs())).element_sum();
+    let reach = (tri[0] - p).abs().max((tri[1] - p).abs()).max((tri[2] - p).abs()).element_sum();
     gamma(7) * sum + RETEST * reach
 }
 
@@ -220,9 +225,10 @@ impl TriangleMesh {
 }
 
 /// `d` with length 1, left as it is when it has it; `other` for a zero vector.
-#[inline]
-fn unit_or(d: Vec3, other: Vec3) -> Vec3 {
-    if (d.length_squared() - 1.0).abs() < 4.0 * f32::EPSILON { d } else { d.normalize_or(other) }
+#[inline(always)]
+pub fn unit_or(d: Vec3, other: Vec3) -> Vec3 {
+    let unit = d.normalize_or(other);
+    if (d.length_squared() - 1.0).abs() < 4.0 * f32::EPSILON { d } else { unit }
 }
 
 /// ∂p/∂u and ∂p/∂v of an affine parametrisation; `None` when it is degenerate.

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec2, Vec3};
 
 use super::surface::{SphereCone, Surface, SurfacePoint, Triangles, triangle_point};
 use super::table::{grid_size, tabulate};
-use super::{LightContext, LightLe, LightLi, emit_from_surface};
+use super::{LightContext, LightLe, LightLi, STARTS, StartNumbers, Starts, emit_from_surface};
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Shape, SurfaceInteraction};
 use crate::math::{Frame, INV_PI};
@@ -203,6 +203,33 @@ impl AreaLight {
             return emit((q.position(u_pos), q.n, q.err), self.inv_area, radiance, u_dir);
         }
         self.sample_le_other(ctx, u_pos, u_dir)
+    }
+
+    /// [`AreaLight::sample_le`] for many paths at once.
+    #[inline(always)]
+    pub(super) fn sample_le_all(&self, ctx: &LightContext, numbers: &StartNumbers, out: &mut Starts) {
+        match (&self.surface, self.radiance, &self.table) {
+            (Surface::Parallelogram(q), ColorParam::Const(radiance), None) => {
+                for i in 0..STARTS {
+                    let point = (q.position(numbers.pos(i)), q.n, q.err);
+                    out.put(i, emit(point, self.inv_area, radiance, numbers.dir(i)));
+                }
+            }
+            (Surface::Ball(ball), ColorParam::Const(radiance), None) => {
+                for i in 0..STARTS {
+                    let point = ball.point(warp::uniform_sphere(numbers.pos(i)));
+                    out.put(i, emit((point.p, point.n, point.p_err), self.inv_area, radiance, numbers.dir(i)));
+                }
+            }
+            _ => self.sample_le_each(ctx, numbers, out),
+        }
+    }
+
+    #[inline(never)]
+    fn sample_le_each(&self, ctx: &LightContext, numbers: &StartNumbers, out: &mut Starts) {
+        for i in 0..STARTS {
+            out.put(i, self.sample_le_other(ctx, numbers.pos(i), numbers.dir(i)));
+        }
     }
 
     /// [`AreaLight::sample_le`] of everything but plain rectangles.

@@ -42,6 +42,7 @@ impl Directional {
 }
 
 impl Constant {
+    #[inline(always)]
     pub(super) fn pdf(&self) -> f32 {
         (0.25 / PI) as f32
     }

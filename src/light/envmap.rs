@@ -3,10 +3,10 @@ use std::f64::consts::PI;
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use super::distant::{arrive_from_infinity, emit_from_infinity};
-use super::{LightContext, LightLe, LightLi, axes};
+use super::{LightContext, LightLe, LightLi, STARTS, StartNumbers, Starts, axes};
 use crate::color::Rgb;
-use crate::math::{Transform, one_minus_cos, safe_sqrt};
-use crate::sample::{Cdf, warp};
+use crate::math::{Transform, atan2, floor, one_minus_cos, safe_sqrt, sin_cos_turns};
+use crate::sample::Cdf;
 
 /// Radiance from infinity given by a latitude-longitude image.
 ///
@@ -35,10 +35,21 @@ pub struct EnvMap {
     integral: Rgb,
 }
 
+/// A direction as it is chosen: the azimuth in turns, and the height from the nearer pole.
+#[derive(Clone, Copy)]
+struct Choice {
+    /// `1 − |cos θ|`.
+    h: f32,
+    /// 1 above the equator, −1 below.
+    side: f32,
+    turns: f32,
+}
+
 /// Where a direction falls: the cell, and the position inside it.
+#[derive(Clone, Copy)]
 struct Cell {
-    col: usize,
-    row: usize,
+    col: u32,
+    row: u32,
     f: Vec2,
 }
 
@@ -120,16 +131,15 @@ impl EnvMap {
     fn cell(&self, wi: Vec3) -> Cell {
         let d = self.axes.transpose() * wi;
         let sin_theta = Vec2::new(d.x, d.z).length();
-        let x = (d.x.atan2(-d.z) * (0.5 / PI) as f32) * self.width as f32 - 0.5;
-        let y = sin_theta.atan2(d.y) * (1.0 / PI) as f32 * (self.height - 1) as f32;
-        // In whole numbers, which need no calls. Columns begin half a turn before the first and one pixel.
-        let (w, left, above) = (self.width as i32, floor(x), y as i32);
-        let col = (if left < 0 { left + w } else { left }).clamp(0, w - 1) as usize;
-        let row = above.clamp(0, self.height as i32 - 2);
+        let x = (atan2(d.x, -d.z) * (0.5 / PI) as f32) * self.width as f32 - 0.5;
+        let y = atan2(sin_theta, d.y) * (1.0 / PI) as f32 * (self.height - 1) as f32;
+        // Columns begin half a turn before the first and one pixel. Not `clamp`, which may panic: a loop with that is no vector.
+        let (w, (left, x0), (above, y0)) = (self.width as i32, floor(x), floor(y));
+        let col = (if left < 0 { left + w } else { left }).min(w - 1).max(0);
+        let row = above.min(self.height as i32 - 2).max(0);
         // The last row keeps its lower edge.
-        let fy = if above > row { 1.0 } else { y - above as f32 };
-        let (fx, row) = (x - left as f32, row as usize);
-        Cell { col, row, f: Vec2::new(fx, fy) }
+        let fy = if above > row { 1.0 } else { y - y0 };
+        Cell { col: col as u32, row: row as u32, f: Vec2::new(x - x0, fy) }
     }
 
     /// Radiance from the direction `d`, W·m⁻²·sr⁻¹.
@@ -139,6 +149,7 @@ impl EnvMap {
 
     #[inline(always)]
     fn radiance_in(&self, Cell { col, row, f }: Cell) -> Rgb {
+        let (col, row) = (col as usize, row as usize);
         let next = if col + 1 == self.width { 0 } else { col + 1 };
         let at = |x: usize, y: usize| self.pixels[y * self.width + x];
         at(col, row).lerp(at(next, row), f.x).lerp(at(col, row + 1).lerp(at(next, row + 1), f.x), f.y)
@@ -154,43 +165,49 @@ impl EnvMap {
 
     #[inline(always)]
     fn pdf_in(&self, &Cell { col, row, .. }: &Cell) -> f32 {
+        let (col, row) = (col as usize, row as usize);
         let cell = self.marginal.pmf(row) * self.rows[row].pmf(col) / self.cell_angle[row];
         (1.0 - self.uniform_share) * cell + self.uniform_share * (0.25 / PI) as f32
     }
 
+    /// Chooses a direction towards the light, where there is any.
+    #[inline(always)]
+    fn choose(&self, u: Vec2) -> Option<Choice> {
+        // Take the uniform share from the top of the second number.
+        let guided = 1.0 - self.uniform_share;
+        if u.y >= guided {
+            let turns = ((u.y - guided) / self.uniform_share).min(1.0f32.next_down());
+            let (h, side) = if u.x < 0.5 { (2.0 * u.x, 1.0) } else { (2.0 * (1.0 - u.x), -1.0) };
+            return Some(Choice { h, side, turns });
+        }
+        let (row, _, fy) = self.marginal.sample(u.y / guided)?;
+        let (col, _, fx) = self.rows[row].sample(u.x)?;
+        // Measure the height from the nearer pole, where 1 − |cos θ| is small.
+        let upper = 2 * row + 1 < self.height;
+        let heights = if upper { &self.from_top } else { &self.from_bottom };
+        let h = heights[row] + fy * (heights[row + 1] - heights[row]);
+        Some(Choice { h, side: if upper { 1.0 } else { -1.0 }, turns: (col as f32 + 0.5 + fx) / self.width as f32 })
+    }
+
+    #[inline(always)]
+    fn direction(&self, Choice { h, side, turns }: Choice) -> Vec3 {
+        let (sin_phi, cos_phi) = sin_cos_turns(turns);
+        let r = safe_sqrt(h * (2.0 - h));
+        self.axes * Vec3::new(r * sin_phi, side * (1.0 - h), -r * cos_phi)
+    }
+
     /// A direction towards the light with its density and its radiance, which is not black.
     #[inline(always)]
-    fn sample_direction(&self, mut u: Vec2) -> Option<(Vec3, f32, Rgb)> {
+    fn sample_direction(&self, u: Vec2) -> Option<(Vec3, f32, Rgb)> {
         if self.marginal.total() <= 0.0 {
             return None;
         }
-        // Take the uniform share from the top of the second number.
-        let guided = 1.0 - self.uniform_share;
-        let wi = if u.y >= guided {
-            u.y = ((u.y - guided) / self.uniform_share).min(1.0f32.next_down());
-            warp::uniform_sphere(u)
-        } else {
-            let (row, _, fy) = self.marginal.sample(u.y / guided)?;
-            let (col, _, fx) = self.rows[row].sample(u.x)?;
-            self.axes * self.direction_in(row, fy, col, fx)
-        };
+        let wi = self.direction(self.choose(u)?);
         // Ask for the density of the rounded direction, so that both techniques agree.
         let cell = self.cell(wi);
         let pdf = self.pdf_in(&cell);
         let radiance = self.radiance_in(cell);
         (pdf > 0.0 && !radiance.is_black()).then_some((wi, pdf, radiance))
-    }
-
-    /// The local direction at fractions `fx` of the azimuth and `fy` of the height of a cell.
-    fn direction_in(&self, row: usize, fy: f32, col: usize, fx: f32) -> Vec3 {
-        // Measure the height from the nearer pole, where 1 − |cos θ| is small.
-        let upper = 2 * row + 1 < self.height;
-        let heights = if upper { &self.from_top } else { &self.from_bottom };
-        let h = heights[row] + fy * (heights[row + 1] - heights[row]);
-        let y = if upper { 1.0 - h } else { h - 1.0 };
-        let (sin_phi, cos_phi) = ((col as f32 + 0.5 + fx) / self.width as f32 * (2.0 * PI) as f32).sin_cos();
-        let r = safe_sqrt(h * (2.0 - h));
-        Vec3::new(r * sin_phi, y, -r * cos_phi)
     }
 
     pub(super) fn sample_li(&self, ctx: &LightContext, p: Vec3, u: Vec2) -> Option<LightLi> {
@@ -204,16 +221,45 @@ impl EnvMap {
         Some(emit_from_infinity(ctx, -wi, radiance, pdf_w, false, u_pos))
     }
 
+    /// [`EnvMap::sample_le`] for many paths at once: what is looked up in tables, and in loops apart from it what is computed.
+    #[inline(always)]
+    pub(super) fn sample_le_all(&self, ctx: &LightContext, numbers: &StartNumbers, out: &mut Starts) {
+        let (mut h, mut side, mut turns) = ([0.0; STARTS], [0.0; STARTS], [0.0; STARTS]);
+        let mut chosen = [self.marginal.total() > 0.0; STARTS];
+        for i in (0..STARTS).filter(|_| self.marginal.total() > 0.0) {
+            match self.choose(numbers.dir(i)) {
+                Some(choice) => (h[i], side[i], turns[i]) = (choice.h, choice.side, choice.turns),
+                None => chosen[i] = false,
+            }
+        }
+        let mut wi = [[0.0; STARTS]; 3];
+        let (mut col, mut row) = ([0; STARTS], [0; STARTS]);
+        let mut f = [[0.0; STARTS]; 2];
+        for i in 0..STARTS {
+            let d = self.direction(Choice { h: h[i], side: side[i], turns: turns[i] });
+            [wi[0][i], wi[1][i], wi[2][i]] = d.to_array();
+            let cell = self.cell(d);
+            (col[i], row[i]) = (cell.col, cell.row);
+            (f[0][i], f[1][i]) = (cell.f.x, cell.f.y);
+        }
+        let mut pdf = [0.0; STARTS];
+        let mut radiance = [[0.0; STARTS]; 3];
+        for i in 0..STARTS {
+            let cell = Cell { col: col[i], row: row[i], f: Vec2::new(f[0][i], f[1][i]) };
+            pdf[i] = self.pdf_in(&cell);
+            [radiance[0][i], radiance[1][i], radiance[2][i]] = self.radiance_in(cell).to_array();
+        }
+        for i in 0..STARTS {
+            let radiance = Rgb::new(radiance[0][i], radiance[1][i], radiance[2][i]);
+            let wi = Vec3::new(wi[0][i], wi[1][i], wi[2][i]);
+            let le = emit_from_infinity(ctx, -wi, radiance, pdf[i], false, numbers.pos(i));
+            out.put(i, (chosen[i] & (pdf[i] > 0.0) & !radiance.is_black()).then_some(le));
+        }
+    }
+
     pub(super) fn power(&self, ctx: &LightContext) -> Rgb {
         self.integral * ctx.disc_area() as f32
     }
-}
-
-/// The whole number below.
-#[inline(always)]
-fn floor(x: f32) -> i32 {
-    let towards_zero = x as i32;
-    towards_zero - (towards_zero as f32 > x) as i32
 }
 
 /// ∫ (1−t)·sin θ dθ and ∫ t·sin θ dθ over the cell row between pixel rows `row` and `row + 1`, with `t` rising from 0 to 1.

@@ -12,6 +12,7 @@ mod projector;
 mod reach;
 mod selector;
 mod spot;
+mod starts;
 mod surface;
 mod table;
 #[cfg(test)]
@@ -27,6 +28,7 @@ pub use point::Point;
 pub use projector::Projector;
 pub use selector::LightSelector;
 pub use spot::Spot;
+pub use starts::{STARTS, StartNumbers, Starts};
 
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Ray, SurfaceInteraction};
@@ -44,6 +46,7 @@ pub struct LightContext<'a> {
 
 impl LightContext<'_> {
     /// Area of the disc through which a distant light reaches the scene, square scene units.
+    #[inline(always)]
     fn disc_area(&self) -> f64 {
         let r = self.scene_sphere.1 as f64;
         std::f64::consts::PI * r * r
@@ -260,6 +263,7 @@ fn axes(to_world: &Transform) -> Mat3 {
 }
 
 /// The start of a path from a point-like light of intensity `intensity` (W·sr⁻¹).
+#[inline(always)]
 fn emit_from_point(p: Vec3, d: Vec3, intensity: Rgb, pdf_w: f32) -> LightLe {
     LightLe {
         ray: Ray::new(p, d),
@@ -291,6 +295,7 @@ fn arrive_from_point(origin: Vec3, p: Vec3, intensity: impl Fn(Vec3) -> Rgb) -> 
 }
 
 /// The start of a path from a surface point.
+#[inline(always)]
 fn emit_from_surface(p: Vec3, n: Vec3, p_err: Vec3, d: Vec3) -> Ray {
     Ray::new(offset_ray_origin(p, p_err, n, d), d)
 }

@@ -26,6 +26,7 @@ impl Point {
         (!self.intensity.is_black()).then_some(le)
     }
 
+    #[inline(always)]
     pub(super) fn pdf_le(&self) -> (f32, f32) {
         (1.0, (0.25 / PI) as f32)
     }

@@ -169,7 +169,7 @@ impl Parallelogram {
     }
 
     /// The position `origin + s·e1 + t·e2` with `u = (s, t)`.
-    #[inline]
+    #[inline(always)]
     pub fn position(&self, u: Vec2) -> Vec3 {
         self.origin + u.x * self.e1 + u.y * self.e2
     }
@@ -276,7 +276,7 @@ fn side(flip_normals: bool) -> f32 {
 
 impl Ball {
     /// The point in the direction `outward` from the centre.
-    #[inline]
+    #[inline(always)]
     pub fn point(&self, outward: Vec3) -> SurfacePoint {
         SurfacePoint {
             p: self.center + self.radius * outward,

@@ -1,7 +1,7 @@
 use glam::Vec3;
 
 /// Bound on the relative error of `n` successive f32 roundings, `nε/(1−nε)` with `ε = 2⁻²⁴` [Higham 2002, §3.1].
-#[inline]
+#[inline(always)]
 pub const fn gamma(n: u32) -> f32 {
     let ne = n as f32 * (f32::EPSILON * 0.5);
     ne / (1.0 - ne)
@@ -12,7 +12,7 @@ pub const fn gamma(n: u32) -> f32 {
 /// `err` bounds |error| of each coordinate of `p`; `n` is the geometric normal of either orientation
 /// [Pharr, Jakob, Humphreys, "Physically Based Rendering", 4th ed., §6.8.6]. In place of rounding the sum away from the
 /// surface, the offset is lengthened by what rounding may take back: at most an ulp of each coordinate along the normal.
-#[inline]
+#[inline(always)]
 pub fn offset_ray_origin(p: Vec3, err: Vec3, n: Vec3, w: Vec3) -> Vec3 {
     let d = n.abs().dot(err + p.abs() * f32::EPSILON) + f32::MIN_POSITIVE;
     p + n * d.copysign(w.dot(n))

@@ -10,7 +10,7 @@ pub struct Frame {
 
 impl Frame {
     /// A frame around the unit vector `n` [Duff et al. 2017, "Building an Orthonormal Basis, Revisited"].
-    #[inline]
+    #[inline(always)]
     pub fn from_normal(n: Vec3) -> Self {
         let sign = 1.0f32.copysign(n.z);
         let a = -1.0 / (sign + n.z);
@@ -23,7 +23,7 @@ impl Frame {
     }
 
     /// A frame around the unit vector `n` whose `s` follows `tangent` as far as it is perpendicular to `n`.
-    #[inline]
+    #[inline(always)]
     pub fn from_normal_tangent(n: Vec3, tangent: Vec3) -> Self {
         let s = tangent - n * n.dot(tangent);
         let len_sq = s.length_squared();
@@ -36,13 +36,13 @@ impl Frame {
     }
 
     /// World to local.
-    #[inline]
+    #[inline(always)]
     pub fn to_local(&self, v: Vec3) -> Vec3 {
         Vec3::new(self.s.dot(v), self.t.dot(v), self.n.dot(v))
     }
 
     /// Local to world.
-    #[inline]
+    #[inline(always)]
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.s * v.x + self.t * v.y + self.n * v.z
     }

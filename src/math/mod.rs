@@ -4,12 +4,14 @@ mod bounds;
 mod error;
 mod frame;
 mod transform;
+mod trig;
 
 pub use bounds::Bounds3;
 pub use error::{gamma, offset_ray_origin};
 pub use frame::Frame;
 pub use glam::{DMat4, DVec2, DVec3, Vec2, Vec3};
 pub use transform::Transform;
+pub use trig::{atan2, floor, sin_cos_turns};
 
 /// π⁻¹ as `f32`.
 pub const INV_PI: f32 = std::f32::consts::FRAC_1_PI;
@@ -28,7 +30,7 @@ pub fn sqr(x: f32) -> f32 {
 }
 
 /// `sqrt(max(x, 0))`: the root of a number that rounding may have made slightly negative.
-#[inline]
+#[inline(always)]
 pub fn safe_sqrt(x: f32) -> f32 {
     x.max(0.0).sqrt()
 }

@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::pass::{camera_sample, pixel_key};
 use crate::color::Rgb;
-use crate::film::Film;
-use crate::image::Image;
+use crate::film::{Film, FilmState, ReconstructionFilter};
+use crate::image::{FilmWindow, Image};
 use crate::integrator::{Layer, LayerView, PhotonMapper};
 use crate::sample::{Key, Purpose};
 use crate::scene::Scene;
@@ -22,6 +22,29 @@ impl LayerFilms {
     pub fn new(picture: &Film, layers: &[Layer]) -> Self {
         let film = Film::new(picture.window(), picture.filter());
         Self { layers: layers.to_vec(), films: vec![film; layers.len()] }
+    }
+
+    /// Films that go on from kept sums, which fit the window.
+    pub fn from_states(window: FilmWindow, filter: ReconstructionFilter, states: &[(Layer, FilmState)]) -> Self {
+        let film = |state: &FilmState| {
+            let mut film = Film::new(window, filter);
+            assert!(film.set_state(state), "checked when it was read");
+            film
+        };
+        let (layers, films) = states.iter().map(|(layer, state)| (*layer, film(state))).unzip();
+        Self { layers, films }
+    }
+
+    /// The sums of each layer.
+    pub fn states(&self) -> Vec<(Layer, FilmState)> {
+        self.layers.iter().copied().zip(self.films.iter().map(Film::state)).collect()
+    }
+
+    /// Adds the sums of other passes over the same layers.
+    pub fn add(&mut self, other: &Self) {
+        for (film, more) in self.films.iter_mut().zip(&other.films) {
+            film.add(more);
+        }
     }
 
     /// Adds the camera samples `samples` of every pixel, the same paths as in the picture. Returns the rays traced.

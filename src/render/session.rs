@@ -27,7 +27,7 @@ pub struct Session<'s> {
     pub(super) film: Film,
     /// What the passes say about their own noise; only where it was asked for.
     pub(super) doubt: Option<Doubt>,
-    /// What is to be seen beside the picture; not kept in checkpoints.
+    /// What is to be seen beside the picture.
     pub(super) layers: Option<LayerFilms>,
     /// The number of the next pass.
     pub(super) next: u64,

@@ -5,8 +5,14 @@
 pub struct Cdf {
     /// `cumulative[i]` is the probability of the items before `i`; one entry more than there are items.
     cumulative: Vec<f32>,
+    /// For each of `2ᵏ` equal parts of [0, 1) the number of entries up to where it begins, and their number in all; empty for
+    /// few or very many items.
+    guide: Vec<u16>,
     total: f64,
 }
+
+/// Items from which on a guide is worth its memory.
+const GUIDED: usize = 8;
 
 impl Cdf {
     pub fn new(weights: impl IntoIterator<Item = f64>) -> Self {
@@ -19,7 +25,26 @@ impl Cdf {
             sums.push(total);
         }
         let inv = if total > 0.0 { 1.0 / total } else { 0.0 };
-        Self { cumulative: sums.iter().map(|s| (s * inv) as f32).collect(), total }
+        let cumulative: Vec<f32> = sums.iter().map(|s| (s * inv) as f32).collect();
+        let guide = if (GUIDED..u16::MAX as usize).contains(&cumulative.len()) && total > 0.0 {
+            let parts = (cumulative.len() / 2).next_power_of_two();
+            let before = |part: usize| cumulative.partition_point(|&c| c <= part as f32 / parts as f32) as u16;
+            (0..parts).map(before).chain([cumulative.len() as u16]).collect()
+        } else {
+            Vec::new()
+        };
+        Self { cumulative, guide, total }
+    }
+
+    /// Number of entries up to `u`, 0 ≤ u < 1.
+    #[inline(always)]
+    fn up_to(&self, u: f32) -> usize {
+        let entries = |part: &[f32]| part.partition_point(|&c| c <= u);
+        let Some(parts) = self.guide.len().checked_sub(1) else { return entries(&self.cumulative) };
+        // A power of two: the product is exact.
+        let part = ((u * parts as f32) as usize).min(parts - 1);
+        let (low, high) = (self.guide[part] as usize, self.guide[part + 1] as usize);
+        low + entries(&self.cumulative[low..high])
     }
 
     pub fn len(&self) -> usize {
@@ -36,19 +61,19 @@ impl Cdf {
     }
 
     /// Probability of item `i`.
-    #[inline]
+    #[inline(always)]
     pub fn pmf(&self, i: usize) -> f32 {
         self.cumulative[i + 1] - self.cumulative[i]
     }
 
     /// An item, its probability, and the number that is left over, uniform in [0, 1). `None` when all weights are zero.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, u: f32) -> Option<(usize, f32, f32)> {
         if self.total <= 0.0 {
             return None;
         }
         // The last item whose cumulative probability is at most u; items of probability zero are never it.
-        let mut i = self.cumulative.partition_point(|&c| c <= u).clamp(1, self.len()) - 1;
+        let mut i = self.up_to(u).clamp(1, self.len()) - 1;
         while self.pmf(i) <= 0.0 && i > 0 {
             i -= 1;
         }
@@ -179,6 +204,19 @@ mod tests {
         }
         assert!(Cdf::new([0.0, f64::NAN, -1.0]).sample(0.5).is_none());
         assert!(Cdf::new([]).sample(0.5).is_none());
+    }
+
+    #[test]
+    fn the_guide_finds_what_a_search_finds() {
+        for len in [6, 7, 64, 100, 1000] {
+            let weights = (0..len).map(|i| [0.0, 1e-9, 1.0, 3.0, 1e4][(i * 7 + i / 3) % 5]);
+            let cdf = Cdf::new(weights);
+            assert_eq!(cdf.guide.is_empty(), len < GUIDED - 1, "{len}");
+            let edges = cdf.cumulative.iter().flat_map(|&c| [c.next_down(), c, c.next_up()]);
+            for u in edges.chain((0..10_000).map(|i| i as f32 * 1e-4)).filter(|u| (0.0..1.0).contains(u)) {
+                assert_eq!(cdf.up_to(u), cdf.cumulative.partition_point(|&c| c <= u), "{len} items, {u}");
+            }
+        }
     }
 
     #[test]

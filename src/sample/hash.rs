@@ -29,7 +29,7 @@ pub enum Purpose {
 }
 
 /// A bijective 64-bit mixer with full avalanche (the finaliser of SplitMix64 [Steele et al. 2014]).
-#[inline]
+#[inline(always)]
 pub const fn mix64(mut x: u64) -> u64 {
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -37,19 +37,19 @@ pub const fn mix64(mut x: u64) -> u64 {
 }
 
 /// Hash of a word under a key.
-#[inline]
+#[inline(always)]
 pub const fn hash_u64(key: u64, x: u64) -> u64 {
     hash_premixed(key, premix(x))
 }
 
 /// The half of [`hash_u64`] that depends on the word alone.
-#[inline]
+#[inline(always)]
 pub(super) const fn premix(x: u64) -> u64 {
     mix64(x.wrapping_add(0x9e37_79b9_7f4a_7c15))
 }
 
 /// The other half of [`hash_u64`].
-#[inline]
+#[inline(always)]
 pub(super) const fn hash_premixed(key: u64, premixed: u64) -> u64 {
     mix64(key ^ premixed)
 }
@@ -59,13 +59,13 @@ pub(super) const fn hash_premixed(key: u64, premixed: u64) -> u64 {
 pub struct Key(pub u64);
 
 impl Key {
-    #[inline]
+    #[inline(always)]
     pub const fn new(seed: u64, purpose: Purpose, pass: u64) -> Self {
         Self(hash_u64(hash_u64(mix64(seed ^ 0x6a09_e667_f3bc_c908), purpose as u64), pass))
     }
 
     /// The key of one member of the family, for example a pixel.
-    #[inline]
+    #[inline(always)]
     pub const fn with(self, x: u64) -> Self {
         Self(hash_u64(self.0, x))
     }

@@ -70,6 +70,52 @@ impl Sampler {
         Self { key, prepared, dim: 0, sequence }
     }
 
+    /// The stream behind its first `numbers` numbers and points.
+    #[inline(always)]
+    pub fn skip(self, numbers: u32) -> Self {
+        Self { dim: self.dim.wrapping_add(numbers), ..self }
+    }
+
+    /// The first number and the two points behind it of the `N` streams from `first` on, coordinate by coordinate: the bits
+    /// that each stream gives, by loops that the compiler makes vectors of.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // Columns side by side, as the compiler makes vectors of them.
+    pub fn first_of_many<const N: usize>(sequence: Sequence, key: Key, first: u64, out: &mut [[f32; N]; 5]) {
+        // All have the same key; where the index passes 2³², they have not.
+        let at = |index: u64| Self::new(sequence, key, index);
+        if first >> 32 != (first + N as u64) >> 32 {
+            for i in 0..N {
+                let mut stream = at(first + i as u64);
+                let (u, a, b) = (stream.next_1d(), stream.next_2d(), stream.next_2d());
+                [out[0][i], out[1][i], out[2][i], out[3][i], out[4][i]] = [u, a.x, a.y, b.x, b.y];
+            }
+            return;
+        }
+        let mut any = at(first);
+        let hashes = [any.next_hash(), any.next_hash(), any.next_hash()];
+        match sequence {
+            Sequence::Independent => {
+                for i in 0..N {
+                    let prepared = premix((first as u32 as u64) + i as u64);
+                    let (u, a) = (hash_premixed(hashes[0], prepared), hash_premixed(hashes[1], prepared));
+                    let b = hash_premixed(hashes[2], prepared);
+                    out[0][i] = to_unit(u as u32);
+                    (out[1][i], out[2][i]) = (to_unit(a as u32), to_unit((a >> 32) as u32));
+                    (out[3][i], out[4][i]) = (to_unit(b as u32), to_unit((b >> 32) as u32));
+                }
+            }
+            Sequence::Sobol => {
+                for i in 0..N {
+                    let reversed = (first as u32 + i as u32).reverse_bits();
+                    out[0][i] = to_unit(sobol::sample_1d(reversed, hashes[0]));
+                    let (a, b) = (sobol::sample_2d(reversed, hashes[1]), sobol::sample_2d(reversed, hashes[2]));
+                    (out[1][i], out[2][i]) = (to_unit(a.0), to_unit(a.1));
+                    (out[3][i], out[4][i]) = (to_unit(b.0), to_unit(b.1));
+                }
+            }
+        }
+    }
+
     /// The next number in [0, 1). Inlined, so that numbers that a branch does not use are not computed.
     #[inline(always)]
     pub fn next_1d(&mut self) -> f32 {
@@ -172,6 +218,24 @@ mod tests {
             }
             // Standard error of the mean is 1/sqrt(12 n) = 0.0011; 4 of them.
             assert!((sum / n as f64 - 0.5).abs() < 0.0045, "{sequence:?}: {}", sum / n as f64);
+        }
+    }
+
+    #[test]
+    fn many_streams_begin_as_each_does_alone() {
+        for sequence in [Sequence::Independent, Sequence::Sobol] {
+            for first in [0, 77, (1 << 32) - 5, (1 << 32) - 32, (1 << 32) + 9] {
+                let key = Key::new(2, Purpose::Test, 0);
+                let mut many = [[0.0; 32]; 5];
+                Sampler::first_of_many(sequence, key, first, &mut many);
+                for i in 0..32 {
+                    let mut alone = Sampler::new(sequence, key, first + i as u64);
+                    let behind = alone.skip(3);
+                    let (u, a, b) = (alone.next_1d(), alone.next_2d(), alone.next_2d());
+                    assert_eq!(many.map(|column| column[i]), [u, a.x, a.y, b.x, b.y], "{sequence:?} {first} {i}");
+                    assert_eq!(alone.next_1d(), { behind }.next_1d());
+                }
+            }
         }
     }
 

@@ -2,7 +2,7 @@
 //! [Burley 2020, "Practical Hash-based Owen Scrambling"].
 
 /// Nested uniform scramble of bit-reversed words [Laine and Karras 2011, with the constants of Vegdahl 2021].
-#[inline]
+#[inline(always)]
 fn laine_karras(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3d20_adea);
     x = x.wrapping_add(seed);
@@ -13,7 +13,7 @@ fn laine_karras(mut x: u32, seed: u32) -> u32 {
 }
 
 /// The second Sobol' dimension of an index, bit-reversed, as the Pascal matrix modulo 2 applied by halves.
-#[inline]
+#[inline(always)]
 fn reversed_dim1(index: u32) -> u32 {
     let mut v = index;
     v ^= v >> 16;
@@ -25,20 +25,20 @@ fn reversed_dim1(index: u32) -> u32 {
 }
 
 /// Index shuffled within its power-of-two blocks, from its bits in reverse.
-#[inline]
+#[inline(always)]
 fn shuffle(reversed: u32, seed: u32) -> u32 {
     laine_karras(reversed, seed).reverse_bits()
 }
 
 /// One scrambled van der Corput value of the index whose bits in reverse are given.
-#[inline]
+#[inline(always)]
 pub(super) fn sample_1d(reversed: u32, hash: u64) -> u32 {
     let i = shuffle(reversed, hash as u32);
     laine_karras(i, (hash >> 32) as u32).reverse_bits()
 }
 
 /// One scrambled point of the (0,2)-sequence, as [`sample_1d`].
-#[inline]
+#[inline(always)]
 pub(super) fn sample_2d(reversed: u32, hash: u64) -> (u32, u32) {
     let i = shuffle(reversed, hash as u32);
     let x = laine_karras(i, (hash >> 32) as u32).reverse_bits();

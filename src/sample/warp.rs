@@ -6,10 +6,10 @@ use std::f32::consts::{FRAC_PI_4, PI};
 
 use glam::{Vec2, Vec3};
 
-use crate::math::{INV_PI, safe_sqrt};
+use crate::math::{INV_PI, safe_sqrt, sin_cos_turns};
 
 /// Unit disc, concentric map [Shirley and Chiu 1997]; density 1/π.
-#[inline]
+#[inline(always)]
 pub fn concentric_disk(u: Vec2) -> Vec2 {
     let o = 2.0 * u - Vec2::ONE;
     let wide = o.x.abs() > o.y.abs();
@@ -22,7 +22,7 @@ pub fn concentric_disk(u: Vec2) -> Vec2 {
 }
 
 /// Sine and cosine for |x| ≤ π/4 by their Taylor series, to 3·10⁻⁷ and 3·10⁻⁸.
-#[inline]
+#[inline(always)]
 fn sin_cos_eighth(x: f32) -> (f32, f32) {
     let s = x * x;
     let sin = x * (1.0 + s * (-1.0 / 6.0 + s * (1.0 / 120.0 + s * (-1.0 / 5040.0))));
@@ -31,20 +31,20 @@ fn sin_cos_eighth(x: f32) -> (f32, f32) {
 }
 
 /// Cosine-weighted hemisphere.
-#[inline]
+#[inline(always)]
 pub fn cosine_hemisphere(u: Vec2) -> Vec3 {
     let d = concentric_disk(u);
     d.extend(safe_sqrt(1.0 - d.length_squared()))
 }
 
 /// Density of [`cosine_hemisphere`], `cos θ / π`; 0 below the horizon.
-#[inline]
+#[inline(always)]
 pub fn cosine_hemisphere_pdf(cos_theta: f32) -> f32 {
     cos_theta.max(0.0) * INV_PI
 }
 
 /// Uniform hemisphere; density 1/2π.
-#[inline]
+#[inline(always)]
 pub fn uniform_hemisphere(u: Vec2) -> Vec3 {
     let z = u.x;
     let r = safe_sqrt(1.0 - z * z);
@@ -52,15 +52,16 @@ pub fn uniform_hemisphere(u: Vec2) -> Vec3 {
 }
 
 /// Uniform sphere; density 1/4π.
-#[inline]
+#[inline(always)]
 pub fn uniform_sphere(u: Vec2) -> Vec3 {
     let z = 1.0 - 2.0 * u.x;
     let r = 2.0 * safe_sqrt(u.x * (1.0 - u.x));
-    (r * Vec2::from_angle(2.0 * PI * u.y)).extend(z)
+    let (sin, cos) = sin_cos_turns(u.y);
+    (r * Vec2::new(cos, sin)).extend(z)
 }
 
 /// Uniform in a cone around +z given as `1 − cos θ_max`, stable for cones of any width.
-#[inline]
+#[inline(always)]
 pub fn uniform_cone(u: Vec2, one_minus_cos_max: f32) -> Vec3 {
     let h = u.x * one_minus_cos_max; // 1 − cos θ
     let r = safe_sqrt(h * (2.0 - h));
@@ -68,13 +69,13 @@ pub fn uniform_cone(u: Vec2, one_minus_cos_max: f32) -> Vec3 {
 }
 
 /// Density of [`uniform_cone`].
-#[inline]
+#[inline(always)]
 pub fn uniform_cone_pdf(one_minus_cos_max: f32) -> f32 {
     1.0 / (2.0 * PI * one_minus_cos_max)
 }
 
 /// Barycentric weights `(b1, b2)` of a uniform point in a triangle.
-#[inline]
+#[inline(always)]
 pub fn uniform_triangle(u: Vec2) -> Vec2 {
     let s = (1.0 - u.x).sqrt();
     Vec2::new(1.0 - s, u.y * s)

@@ -78,7 +78,7 @@ pub(crate) fn suggestion<S: AsRef<str>>(found: &str, known: &[S]) -> String {
         .map(|k| (k.as_ref(), strsim::damerau_levenshtein(&word, &plain(k.as_ref()))))
         .min_by_key(|&(_, distance)| distance);
     match nearest {
-        Some((k, distance)) if distance <= (word.len() / 3).max(1) && distance < word.len().max(1) => {
+        Some((k, distance)) if distance <= (word.len().max(k.len()) / 3).max(1) && distance < word.len().max(1) => {
             format!("did you mean \"{k}\"?")
         }
         Some(_) if known.len() <= 40 => {
@@ -100,6 +100,7 @@ mod tests {
         assert_eq!(e.to_string(), "scene.xml:12:5: unknown bsdf plugin \"difuse\"; did you mean \"diffuse\"?");
         assert_eq!(suggestion("zzz", &["a", "b"]), "known are a, b");
         assert_eq!(suggestion("kind", &["id", "name"]), "known are id, name");
+        assert_eq!(suggestion("visibile", &["independent", "visibility"]), "did you mean \"visibility\"?");
         assert_eq!(suggestion("intIOR", &["ext_ior", "int_ior"]), "did you mean \"int_ior\"?");
     }
 }

@@ -175,6 +175,16 @@ impl Scene {
         bsdf::evaluate(&self.materials, &self.textures, id, si, &self.geometry, self.met(si.near, si.far))
     }
 
+    /// The reflectances of the front and the back of a shape that is Lambertian and of one colour on each side, or absorbs
+    /// all there (`None`); `None` for other materials, and where shapes may overlap.
+    #[inline(always)]
+    pub fn plain_colors(&self, shape: u32) -> Option<[Option<Rgb>; 2]> {
+        if self.nested.is_some() {
+            return None;
+        }
+        bsdf::plain_colors(&self.materials, self.shape_materials[shape as usize])
+    }
+
     /// What lights look things up in.
     #[inline]
     pub fn light_context(&self) -> LightContext<'_> {

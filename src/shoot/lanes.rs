@@ -3,11 +3,13 @@
 //! Field by field in arrays and with selections in place of branches, so that the compiler makes vectors of the loops. Each
 //! photon sees the very operations that it would see alone: the bits are the same.
 
+use arrayvec::ArrayVec;
+
 use super::EnergyBalance;
 use super::walk::{Flight, Stamp, WAVE, survival};
 use crate::bsdf::{DiffuseBsdf, Mode};
 use crate::color::Rgb;
-use crate::geometry::SurfaceInteraction;
+use crate::geometry::{SurfaceInteraction, quick_normal, triangle_normal, triangle_point_error, unit_or};
 use crate::math::{Vec2, Vec3, offset_ray_origin};
 use crate::photon::{Level, Photon, PhotonClass, PhotonRecord, Simd, Task};
 
@@ -65,9 +67,67 @@ struct Arrivals {
     ns: Triples,
     ng: Triples,
     reflectance: Triples,
+    /// 1 where the surface absorbs all and stores nothing.
+    black: [u32; WAVE],
     // Random numbers: the direction, and that of the roulette.
     u: [Lane; 2],
     u_roulette: Lane,
+}
+
+impl Arrivals {
+    /// What depends on the surface in lane `i`, which is not a face.
+    fn surface(&self, i: usize) -> ([Vec3; 6], Rgb) {
+        let vectors = [&self.p, &self.p_err, &self.normal, &self.wo, &self.ns, &self.ng];
+        (vectors.map(|v| v.get(i)), self.reflectance.color(i))
+    }
+
+    #[inline(always)]
+    fn set_surface(&mut self, i: usize, (vectors, reflectance): ([Vec3; 6], Rgb)) {
+        let lanes = [&mut self.p, &mut self.p_err, &mut self.normal, &mut self.wo, &mut self.ns, &mut self.ng];
+        for (lane, v) in lanes.into_iter().zip(vectors) {
+            lane.set(i, v);
+        }
+        self.reflectance.set_color(i, reflectance);
+        self.black[i] = 0;
+    }
+}
+
+/// A triangle that was hit, of one colour on each side.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Face {
+    pub corners: [Vec3; 3],
+    /// Of the second and the third corner.
+    pub weights: [f32; 2],
+    /// The ray's.
+    pub d: Vec3,
+    /// Whether the normal is turned.
+    pub flipped: bool,
+    /// Reflectances of the front and the back; a side without one absorbs all.
+    pub colors: [Option<Rgb>; 2],
+}
+
+/// The lanes that came as a [`Face`].
+#[derive(Debug)]
+struct Faces {
+    corners: [Triples; 3],
+    weights: [Lane; 2],
+    d: Triples,
+    /// 1, or −1 where the normal is turned; 0 in the lanes of others.
+    side: Lane,
+    colors: [Triples; 2],
+    /// By side: 1 where there is no colour.
+    black: [[u32; WAVE]; 2],
+    /// 1 where the normal that is computed quickly is good.
+    good: [u32; WAVE],
+    any: bool,
+}
+
+impl Faces {
+    // Without `map`, which the compiler may leave a call.
+    #[inline(always)]
+    fn corners(&self, i: usize) -> [Vec3; 3] {
+        [self.corners[0].get(i), self.corners[1].get(i), self.corners[2].get(i)]
+    }
 }
 
 /// Photons as they are stored, but for their places.
@@ -113,6 +173,7 @@ impl Fate {
     const GOES_ON: u32 = 1;
     const PLAYED: u32 = 2;
     const NOT_FINITE: u32 = 4;
+    const LOST: u32 = 8;
 
     /// Survives.
     #[inline(always)]
@@ -124,6 +185,12 @@ impl Fate {
     #[inline(always)]
     pub fn played(self) -> bool {
         self.0 & Self::PLAYED != 0
+    }
+
+    /// Absorbed where nothing is stored.
+    #[inline(always)]
+    pub fn is_lost(self) -> bool {
+        self.0 & Self::LOST != 0
     }
 
     /// Its flux has left the range of numbers.
@@ -141,6 +208,7 @@ pub(super) struct Lanes {
     rr_depth: u32,
     /// Where in its wave each is.
     slot: [u8; WAVE],
+    faces: Faces,
     arrivals: Arrivals,
     packed: Packed,
     departures: Departures,
@@ -156,6 +224,16 @@ impl Lanes {
             len: 0,
             rr_depth,
             slot: [0; WAVE],
+            faces: Faces {
+                corners: [zero; 3],
+                weights: [[0.0; WAVE]; 2],
+                d: zero,
+                side: [0.0; WAVE],
+                colors: [zero; 2],
+                black: [[0; WAVE]; 2],
+                good: [1; WAVE],
+                any: false,
+            },
             arrivals: Arrivals {
                 p: zero,
                 p_err: zero,
@@ -169,6 +247,7 @@ impl Lanes {
                 ns: zero,
                 ng: zero,
                 reflectance: zero,
+                black: [0; WAVE],
                 u: [[0.0; WAVE]; 2],
                 u_roulette: [0.0; WAVE],
             },
@@ -187,28 +266,52 @@ impl Lanes {
     #[inline(always)]
     pub fn clear(&mut self) {
         self.len = 0;
+        self.faces.any = false;
     }
 
-    /// Takes the photon at `slot` of the wave, which has met a surface. Draws its random numbers but for that of the
-    /// roulette: whether it will be used is not known yet.
+    /// Takes the photon at `slot` of the wave, which has met a surface.
     #[inline(always)]
     pub fn push(&mut self, slot: usize, flight: &mut Flight, si: &SurfaceInteraction, bsdf: &DiffuseBsdf) {
+        let i = self.push_photon(slot, flight);
+        self.faces.side[i] = 0.0;
+        let vectors = [si.p, si.p_err, si.ng, si.wo, bsdf.ns(), bsdf.ng()];
+        self.arrivals.set_surface(i, (vectors, bsdf.reflectance()));
+    }
+
+    /// Takes the photon at `slot` of the wave, which has met a face.
+    #[inline(always)]
+    pub fn push_face(&mut self, slot: usize, flight: &mut Flight, face: &Face) {
+        let i = self.push_photon(slot, flight);
+        let f = &mut self.faces;
+        f.any = true;
+        for (lanes, corner) in f.corners.iter_mut().zip(face.corners) {
+            lanes.set(i, corner);
+        }
+        for (lanes, weight) in f.weights.iter_mut().zip(face.weights) {
+            lanes[i] = weight;
+        }
+        f.d.set(i, face.d);
+        f.side[i] = if face.flipped { -1.0 } else { 1.0 };
+        for (side, color) in face.colors.into_iter().enumerate() {
+            f.colors[side].set_color(i, color.unwrap_or(Rgb::BLACK));
+            f.black[side][i] = color.is_none() as u32;
+        }
+    }
+
+    /// Takes what does not depend on the surface; the place of the photon. Draws its random numbers but for that of the
+    /// roulette: whether it will be used is not known yet.
+    #[inline(always)]
+    fn push_photon(&mut self, slot: usize, flight: &mut Flight) -> usize {
         let (i, a) = (self.len, &mut self.arrivals);
         self.len += 1;
         self.slot[i] = slot as u8;
-        a.p.set(i, si.p);
-        a.p_err.set(i, si.p_err);
-        a.normal.set(i, si.ng);
-        a.wo.set(i, si.wo);
         a.flux.set_color(i, flight.flux);
         let Stamp { class, mark, bits } = flight.stamp();
         (a.depth[i], a.class[i], a.mark[i], a.bits[i]) = (flight.depth, class, mark, bits);
-        a.ns.set(i, bsdf.ns());
-        a.ng.set(i, bsdf.ng());
-        a.reflectance.set_color(i, bsdf.reflectance());
         let (_, u) = (flight.sampler.next_1d(), flight.sampler.next_2d());
         let mut ahead = flight.sampler;
         (a.u[0][i], a.u[1][i], a.u_roulette[i]) = (u.x, u.y, ahead.next_1d());
+        i
     }
 
     /// Packs and scatters all of them.
@@ -256,16 +359,64 @@ impl Task for Step<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Lanes { len, rr_depth, arrivals, packed, departures, absorbed, roulette, .. } = self.0;
+        let Lanes { len, rr_depth, faces, arrivals, packed, departures, absorbed, roulette, .. } = self.0;
         // Let no photon be left to the end of a loop that is not in vectors; the lanes beyond carry nothing.
         let lanes = len.next_multiple_of(WIDTH).min(WAVE);
         for i in *len..lanes {
             arrivals.flux.set_color(i, Rgb::BLACK);
         }
+        if faces.any {
+            // Without conditions; what has not met a face is put back afterwards.
+            let others: ArrayVec<_, WAVE> = (0..*len).filter(|&i| faces.side[i] == 0.0).collect();
+            let kept: ArrayVec<_, WAVE> = others.iter().map(|&i| arrivals.surface(i)).collect();
+            find_normals(faces, arrivals, *len, lanes);
+            meet(faces, arrivals, lanes);
+            others.into_iter().zip(kept).for_each(|(i, surface)| arrivals.set_surface(i, surface));
+        }
         pack(arrivals, packed, lanes);
         scatter(arrivals, departures, *rr_depth, lanes);
         add_losses(absorbed, &arrivals.flux, &departures.scattered, lanes);
         add_losses(roulette, &departures.scattered, &departures.flux, lanes);
+    }
+}
+
+/// The geometric normals of faces, as in the interaction with a mesh.
+#[inline(always)]
+fn find_normals(f: &mut Faces, a: &mut Arrivals, len: usize, lanes: usize) {
+    assert!(lanes <= WAVE && len <= lanes);
+    for i in 0..lanes {
+        let (n, good) = quick_normal(f.corners(i));
+        a.normal.set(i, f.side[i] * n);
+        f.good[i] = good as u32;
+    }
+    // Needles, which are few.
+    for i in (0..len).filter(|&i| f.good[i] == 0 && f.side[i] != 0.0) {
+        let n = triangle_normal(f.corners(i));
+        a.normal.set(i, f.side[i] * n.unwrap_or_else(|| -f.d.get(i).normalize_or(Vec3::Z)));
+    }
+}
+
+/// The interactions with faces that have their normals, as with a mesh and its material.
+#[inline(always)]
+fn meet(f: &Faces, a: &mut Arrivals, lanes: usize) {
+    assert!(lanes <= WAVE);
+    for i in 0..lanes {
+        let tri = f.corners(i);
+        let [u, v] = [f.weights[0][i], f.weights[1][i]];
+        let (colors, black) = ([f.colors[0].color(i), f.colors[1].color(i)], [f.black[0][i], f.black[1][i]]);
+        let b0 = 1.0 - u - v;
+        let p = b0 * tri[0] + u * tri[1] + v * tri[2];
+        let ng = a.normal.get(i);
+        let wo = unit_or(-f.d.get(i), ng);
+        let front = wo.dot(ng) > 0.0;
+        let facing = if front { ng } else { -ng };
+        a.p.set(i, p);
+        a.p_err.set(i, triangle_point_error(tri, [b0, u, v], p));
+        a.wo.set(i, wo);
+        a.ns.set(i, facing);
+        a.ng.set(i, facing);
+        a.reflectance.set_color(i, if front { colors[0] } else { colors[1] });
+        a.black[i] = if front { black[0] } else { black[1] };
     }
 }
 
@@ -312,7 +463,8 @@ fn scatter(a: &Arrivals, out: &mut Departures, rr_depth: u32, lanes: usize) {
         let flux = if goes_on { gained } else { Rgb::BLACK };
         out.scattered.set_color(i, scattered);
         out.flux.set_color(i, flux);
-        out.fate[i] = goes_on as u32 * Fate::GOES_ON + played as u32 * Fate::PLAYED + !finite as u32 * Fate::NOT_FINITE;
+        let ends = !finite as u32 * Fate::NOT_FINITE + a.black[i] * Fate::LOST;
+        out.fate[i] = goes_on as u32 * Fate::GOES_ON + played as u32 * Fate::PLAYED + ends;
         out.d.set(i, d);
         out.o.set(i, offset_ray_origin(a.p.get(i), a.p_err.get(i), a.normal.get(i), d));
     }
@@ -338,13 +490,25 @@ mod tests {
     fn run(level: Level, len: usize) -> String {
         let mut lanes = Lanes::new(1);
         (lanes.level, lanes.len) = (level, len);
-        let a = &mut lanes.arrivals;
         for i in 0..len {
+            let a = &mut lanes.arrivals;
             let mut s = Sampler::new(Sequence::Independent, Key::new(7, Purpose::Test, 0), i as u64);
-            let mut direction = || warp::uniform_sphere(s.next_2d());
-            let (normal, bent, wo, p) = (direction(), direction(), direction(), direction());
+            let [normal, bent, wo, p] = std::array::from_fn(|_| warp::uniform_sphere(s.next_2d()));
             let side = if wo.dot(normal) < 0.0 { -normal } else { normal };
             a.p.set(i, p);
+            if i % 4 > 0 {
+                // A face, some of them needles, some with a side that absorbs.
+                let f = &mut lanes.faces;
+                let thin = if i % 7 == 0 { 1e-4 } else { 1.0 };
+                let corners = [p, p + bent, p + bent * 0.5 + side * thin];
+                corners.iter().zip(&mut f.corners).for_each(|(c, lanes)| lanes.set(i, *c));
+                (f.weights[0][i], f.weights[1][i]) = (s.next_1d() * 0.5, s.next_1d() * 0.5);
+                f.d.set(i, -wo * if i % 3 == 0 { 2.0 } else { 1.0 });
+                f.side[i] = if i % 8 > 3 { -1.0 } else { 1.0 };
+                f.colors[0].set_color(i, Rgb::new(s.next_1d(), 1.0, 0.5));
+                f.black[1][i] = (i % 5 == 0) as u32;
+                f.any = true;
+            }
             a.p_err.set(i, p.abs() * 1e-6);
             a.normal.set(i, normal);
             a.wo.set(i, wo);
@@ -357,6 +521,7 @@ mod tests {
             (a.u[0][i], a.u[1][i], a.u_roulette[i]) = (s.next_1d(), s.next_1d(), s.next_1d());
         }
         // Powers that cannot be stored or scattered.
+        let a = &mut lanes.arrivals;
         a.flux.set_color(0, Rgb::new(f32::MAX, 1.0, 1.0));
         a.reflectance.set_color(0, Rgb::splat(2.0));
         lanes.run();

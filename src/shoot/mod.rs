@@ -5,6 +5,7 @@ mod balance;
 mod chain;
 mod guide;
 mod lanes;
+mod launch;
 #[cfg(test)]
 mod tests;
 mod visible;
@@ -16,6 +17,7 @@ pub use guide::Guide;
 pub use visible::{Chains, shoot_visible, tune};
 pub use walk::{Deposit, MANY_EDGES, Start, Target, WalkSettings, survival};
 
+use std::ops::AddAssign;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -72,6 +74,26 @@ pub struct Shot {
     pub aimed: AimCounts,
 }
 
+impl From<Deposit> for Shot {
+    /// One batch of a shoot; `emitted` is for all batches to say together.
+    fn from(d: Deposit) -> Self {
+        let Deposit { photons, balance, rejected, counters, aimed, .. } = d;
+        Self { photons, emitted: 0, balance, rejected, counters, aimed }
+    }
+}
+
+impl AddAssign for Shot {
+    /// Joins what comes behind.
+    fn add_assign(&mut self, other: Self) {
+        self.photons.extend_from_slice(&other.photons);
+        self.emitted += other.emitted;
+        self.balance += other.balance;
+        self.rejected += other.rejected;
+        self.counters += other.counters;
+        self.aimed += &other.aimed;
+    }
+}
+
 /// Traces photons from all lights of `scene`.
 ///
 /// The number of emitted paths is chosen from a pilot so that about `settings.photons` are stored; it does not depend on
@@ -101,13 +123,7 @@ pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emission: &Emission)
     // Join the batches in emission order.
     let mut shot = Shot { emitted, ..Shot::default() };
     shot.photons.reserve_exact(deposits.iter().map(|d| d.photons.len()).sum());
-    for deposit in deposits {
-        shot.photons.extend_from_slice(&deposit.photons);
-        shot.balance += deposit.balance;
-        shot.rejected += deposit.rejected;
-        shot.counters += deposit.counters;
-        shot.aimed += &deposit.aimed;
-    }
+    deposits.into_iter().for_each(|deposit| shot += Shot::from(deposit));
     shot
 }
 

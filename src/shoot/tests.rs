@@ -127,6 +127,54 @@ fn many_paths_at_a_time_store_what_each_stores_alone() {
     }
 }
 
+/// Lights of every kind, alone and mixed, over what is two-sided, what is not, a needle and a smooth ball: photons alone, which
+/// are compiled for any processor, are those that start and land together in vectors.
+#[test]
+fn every_light_starts_many_paths_as_one() {
+    let sky = format!("{}/scenes/sky.exr", env!("CARGO_MANIFEST_DIR"));
+    let lights = [
+        format!(r#"<emitter type="envmap"><string name="filename" value="{sky}"/></emitter>"#),
+        r#"<emitter type="constant"><rgb name="radiance" value="1, 2, 3"/></emitter>"#.to_owned(),
+        r#"<emitter type="directional"><vector name="direction" value="0.3, -1, 0.2"/></emitter>"#.to_owned(),
+        r#"<emitter type="point"><point name="position" x="0.3" y="1.5" z="0.8"/></emitter>"#.to_owned(),
+        r#"<emitter type="spot"><transform name="to_world"><lookat origin="0, 3, 0" target="0, 0, 0" up="1, 0, 0"/>
+            </transform></emitter>"#
+            .to_owned(),
+        r#"<shape type="sphere"><point name="center" x="1" y="2" z="0"/><float name="radius" value="0.2"/>
+            <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"#
+            .to_owned(),
+        LAMP.to_owned(),
+    ];
+    // All but the first environment, of which there is one at most, and a light that the floor turns its back to.
+    let below = lights[3].replace("1.5", "-1.5");
+    let mixed = lights[1..].concat() + &below;
+    let needle = r#"<shape type="rectangle"><transform name="to_world"><scale x="1e-4" y="2" z="1"/>
+        <rotate x="1" angle="-60"/><translate y="0.5"/></transform><bsdf type="twosided"><bsdf type="diffuse">
+        <rgb name="reflectance" value="0.2, 0.9, 0.4"/></bsdf></bsdf></shape>"#;
+    let ball = r#"<shape type="sphere"><point name="center" x="-1" y="0.6" z="0"/><float name="radius" value="0.3"/>
+        <bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
+    for light in lights.iter().chain([&mixed]) {
+        let scene = scene(&format!("{FLOOR}{needle}{ball}{light}{}", glass(0.0, 0.7, 0.4)));
+        let walk = WalkSettings { max_depth: Some(5), rr_depth: 2, sequence: Sequence::Independent };
+        for (target, guided) in [(Target::Global, false), (Target::Caustic, true)] {
+            let guide = guided.then(|| Guide::learn(&scene, &settings(1, true, 4096)).expect("glass focuses"));
+            let key = Key::new(1, target.purpose(), 0);
+            let [mut alone, mut together] = [(); 2].map(|()| Deposit::new(target, walk, 3000));
+            for index in 7..3007 {
+                alone.trace(&scene, guide.as_ref(), key, index);
+            }
+            together.trace_all(&scene, guide.as_ref(), key, 7..3007);
+            assert!(alone.photons.len() > 20, "{light}: {} photons", alone.photons.len());
+            assert_eq!(together.photons, alone.photons, "{light}");
+            assert_eq!((together.rejected, together.counters), (alone.rejected, alone.counters), "{light}");
+            let (a, b) = (alone.balance, together.balance);
+            for (a, b) in [(a.emitted, b.emitted), (a.absorbed, b.absorbed), (a.escaped, b.escaped), (a.cut, b.cut)] {
+                assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-9 * alone.balance.emitted[0]), "{light}");
+            }
+        }
+    }
+}
+
 /// Two scenes shine the same light on the same places: 6 seeds, four standard errors of the sum over all places.
 fn same_light(a: &Scene, b: &Scene, guided: bool, paths: u64) {
     let seeds = 6;

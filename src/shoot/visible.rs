@@ -31,7 +31,7 @@ use rayon::prelude::*;
 
 use super::chain::{Chain, Found, scaled};
 use super::walk::Deposit;
-use super::{AimCounts, Emission, EnergyBalance, PATHS_PER_BATCH, ShootSettings, Shot};
+use super::{Emission, PATHS_PER_BATCH, ShootSettings, Shot};
 use crate::photon::Photon;
 use crate::sample::{Key, Purpose, hash_u64};
 use crate::scene::Scene;
@@ -80,13 +80,9 @@ pub struct Chains {
 /// The photons of uniform paths that are seen.
 #[derive(Default)]
 struct Uniform {
-    photons: Vec<Photon>,
+    shot: Shot,
     /// Paths that stored them.
     seen: Vec<u64>,
-    balance: EnergyBalance,
-    rejected: u64,
-    counters: Counters,
-    aimed: AimCounts,
 }
 
 /// Traces the uniform paths `paths` of a shoot of `emitted`.
@@ -104,30 +100,24 @@ fn uniform_paths<S: Fn(&Photon) -> bool + Sync>(
         let last = (first + PATHS_PER_BATCH).min(paths.end);
         let mut deposit = Deposit::new(settings.target, settings.walk, emitted);
         let ends = deposit.trace_all(scene, emission.guide.as_deref(), key, first..last);
-        let mut uniform = Uniform::default();
+        let (mut photons, mut seen) = (Vec::new(), Vec::new());
         let mut begin = 0;
         for (path, end) in (first..).zip(ends) {
-            let before = uniform.photons.len();
-            uniform.photons.extend(deposit.photons[begin..end as usize].iter().filter(|photon| sees(photon)));
-            if uniform.photons.len() > before {
-                uniform.seen.push(path);
+            let before = photons.len();
+            photons.extend(deposit.photons[begin..end as usize].iter().filter(|photon| sees(photon)));
+            if photons.len() > before {
+                seen.push(path);
             }
             begin = end as usize;
         }
-        (uniform.balance, uniform.rejected, uniform.counters) = (deposit.balance, deposit.rejected, deposit.counters);
-        uniform.aimed = deposit.aimed;
-        uniform
+        Uniform { shot: Shot { photons, ..Shot::from(deposit) }, seen }
     };
     // Join the batches in the order of their paths.
     let all: Vec<Uniform> = (0..batches).into_par_iter().map(batch).collect();
     let mut sum = Uniform::default();
     for uniform in all {
-        sum.photons.extend_from_slice(&uniform.photons);
+        sum.shot += uniform.shot;
         sum.seen.extend_from_slice(&uniform.seen);
-        sum.balance += uniform.balance;
-        sum.rejected += uniform.rejected;
-        sum.counters += uniform.counters;
-        sum.aimed += &uniform.aimed;
     }
     sum
 }
@@ -153,7 +143,7 @@ pub fn tune<S: Fn(&Photon) -> bool + Sync>(
         let next = (2 * traced).max(paths);
         let uniform = uniform_paths(scene, settings, emission, (key, 1), traced..next, sees);
         seen.extend(uniform.seen);
-        counters += uniform.counters;
+        counters += uniform.shot.counters;
         traced = next;
     }
     // No number of paths proves that none or all are seen.
@@ -234,15 +224,9 @@ pub fn shoot_visible<S: Fn(&Photon) -> bool + Sync>(
         return Shot::default();
     }
     let key = Key::new(settings.seed, settings.target.purpose(), settings.pass);
-    let uniform = uniform_paths(scene, settings, emission, (key, plan.uniform), 0..plan.uniform, sees);
-    let mut shot = Shot {
-        photons: weigh(uniform.photons, plan.share as f32, key),
-        emitted: plan.uniform + plan.chains * plan.mutations,
-        balance: uniform.balance,
-        rejected: uniform.rejected,
-        counters: uniform.counters,
-        aimed: uniform.aimed,
-    };
+    let mut uniform = uniform_paths(scene, settings, emission, (key, plan.uniform), 0..plan.uniform, sees);
+    let photons = weigh(std::mem::take(&mut uniform.shot.photons), plan.share as f32, key);
+    let mut shot = Shot { photons, emitted: plan.uniform + plan.chains * plan.mutations, ..uniform.shot };
     if plan.chains == 0 || uniform.seen.is_empty() {
         return shot;
     }

@@ -4,8 +4,10 @@ use std::ops::Range;
 
 use arrayvec::ArrayVec;
 
-use super::lanes::Lanes;
+use super::lanes::{Face, Lanes};
+use super::launch::{Departure, Launch};
 use super::{AimCounts, EnergyBalance, Guide};
+use crate::accel::{self, Task};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, SurfaceInteraction};
@@ -220,8 +222,14 @@ impl Deposit {
     /// A photon's way from hit to hit is one long chain of steps that depend on each other, and on a large mesh half of their
     /// time is waiting for the triangle that was hit. Many under way at a time wait together.
     pub fn trace_all(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) -> Vec<u32> {
+        accel::run(TraceAll { deposit: self, scene, guide, key, indices })
+    }
+
+    /// [`Deposit::trace_all`] for one instruction set.
+    #[inline(always)]
+    fn trace_waves(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) -> Vec<u32> {
         let first = indices.start;
-        let mut waiting = indices.clone();
+        let mut launch = Launch::new(indices.clone());
         let (mut wave, mut len) = ([Flight::none(Sampler::new(self.walk.sequence, key, 0), key); WAVE], WAVE);
         let mut hits = [None; WAVE];
         let mut lanes = Lanes::new(self.walk.rr_depth);
@@ -232,9 +240,11 @@ impl Deposit {
         loop {
             // Let a photon start in the place of each that has ended; close the gaps when there are no more.
             while let Some(&slot) = ended.last() {
-                let Some(index) = waiting.next() else { break };
-                wave[slot].sampler = Sampler::new(self.walk.sequence, key, index);
-                if let Some((_, true)) = self.emit(scene, guide, key, index, &mut wave[slot]) {
+                let stream = (self.walk.sequence, key);
+                let Some(departure) = launch.next(scene, guide, stream, self.inv_emitted) else { break };
+                if self.depart(scene, key, &departure, &mut wave[slot]) {
+                    // Emission has used the first number and the two points behind it.
+                    wave[slot].sampler = Sampler::new(self.walk.sequence, key, departure.index).skip(3);
                     ended.pop();
                 }
             }
@@ -299,22 +309,32 @@ impl Deposit {
                 Start { light, u_pos, u_dir, pdf }
             }
         };
-        self.aimed.add_path(&scene.photon_aims, start.light);
-        let le = scene.lights[start.light].sample_le(&scene.light_context(), start.u_pos, start.u_dir)?;
-        let flux = le.weight * (self.inv_emitted / start.pdf);
+        let le = scene.lights[start.light].sample_le(&scene.light_context(), start.u_pos, start.u_dir);
+        let (o, d, weight) = le.map_or((Vec3::ZERO, Vec3::Z, Rgb::BLACK), |le| (le.ray.o, le.ray.d, le.weight));
+        let flux = weight * (self.inv_emitted / start.pdf);
+        let departure = Departure { index, light: Some(start.light), o, d, flux };
+        Some((start, self.depart(scene, key, &departure, flight)))
+    }
+
+    /// Puts a path on its way, all but its numbers. False when it carries nothing.
+    #[inline(always)]
+    fn depart<N>(&mut self, scene: &Scene, key: Key, departure: &Departure, flight: &mut Flight<N>) -> bool {
+        let &Departure { index, light, o, d, flux } = departure;
+        let Some(light) = light else { return false };
+        self.aimed.add_path(&scene.photon_aims, light);
+        if flux.is_black() {
+            return false;
+        }
         if !flux.is_finite() {
             self.rejected += 1;
-            return None;
-        }
-        if flux.is_black() {
-            return Some((start, false));
+            return false;
         }
         EnergyBalance::add(&mut self.balance.emitted, flux);
-        flight.ray = scene.from_light(le.ray);
+        flight.ray = scene.from_light(Ray::new(o, d));
         flight.flux = flux;
         (flight.index, flight.path, flight.first, flight.depth) = (index, key.with(index), u32::MAX, 0);
         (flight.specular_chain, flight.scattered) = (true, false);
-        Some((start, true))
+        true
     }
 
     /// Stores and scatters a photon where its ray has ended. False when its path ends there.
@@ -345,11 +365,19 @@ impl Deposit {
             EnergyBalance::add(&mut self.balance.escaped, flight.flux);
             return false;
         };
+        flight.meet(hit.shape);
+        let diffuse_goes_on = self.target != Target::Caustic && !self.is_cut(flight);
+        if diffuse_goes_on
+            && let Some((colors, (corners, flipped))) =
+                scene.plain_colors(hit.shape).zip(scene.geometry.flat_triangle(hit))
+        {
+            lanes.push_face(slot, flight, &Face { corners, weights: [hit.u, hit.v], d: flight.ray.d, flipped, colors });
+            return true;
+        }
         let si = scene.interaction(&flight.ray, hit);
-        flight.meet(si.shape);
         let bsdf = scene.bsdf(&si);
         match bsdf {
-            Bsdf::Diffuse(diffuse) if self.target != Target::Caustic && !self.is_cut(flight) => {
+            Bsdf::Diffuse(diffuse) if diffuse_goes_on => {
                 flight.ray.inside = si.near;
                 lanes.push(slot, flight, &si, &diffuse);
                 true
@@ -362,13 +390,13 @@ impl Deposit {
     /// Stores and sends on a photon from `lanes`. False when its path ends there.
     #[inline(always)]
     fn take_off(&mut self, scene: &Scene, flight: &mut Flight, lanes: &Lanes, i: usize) -> bool {
-        if self.wants(flight) {
+        let fate = lanes.fate(i);
+        if self.wants(flight) && !fate.is_lost() {
             match lanes.photon(i) {
                 Some((photon, power)) => self.keep(scene, photon, power, flight.first),
                 None => self.rejected += 1,
             }
         }
-        let fate = lanes.fate(i);
         self.rejected += fate.is_not_finite() as u64;
         if fate.played() {
             flight.sampler.next_1d();
@@ -472,6 +500,24 @@ impl Deposit {
         let importance = self.aimed.add_photon(&scene.photon_aims, first);
         self.stored_power += (importance * power) as f64;
         self.photons.push(photon);
+    }
+}
+
+/// [`Deposit::trace_all`] as work that is compiled for each instruction set.
+struct TraceAll<'a> {
+    deposit: &'a mut Deposit,
+    scene: &'a Scene,
+    guide: Option<&'a Guide>,
+    key: Key,
+    indices: Range<u64>,
+}
+
+impl Task for TraceAll<'_> {
+    type Output = Vec<u32>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<u32> {
+        self.deposit.trace_waves(self.scene, self.guide, self.key, self.indices)
     }
 }
 

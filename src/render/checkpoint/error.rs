@@ -1,6 +1,8 @@
 use std::ops::Range;
 use std::path::PathBuf;
 
+use crate::integrator::Layer;
+
 /// A checkpoint that cannot be written, read, resumed or merged.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
@@ -16,6 +18,11 @@ pub enum CheckpointError {
     Scene { found: String, expected: String },
     #[error("the checkpoint is of another plan; it has\n  {found}\nwhere this render has\n  {expected}")]
     Plan { found: String, expected: String },
+    #[error(
+        "the checkpoint holds the layers {}, where {} are asked for: render with the same --aov as before",
+        layers(.found), layers(.expected)
+    )]
+    Layers { found: Vec<Layer>, expected: Vec<Layer> },
     #[error("the checkpoint was made with {found}, not {expected}: it can be merged, but not go on bit by bit")]
     Accel { found: String, expected: String },
     #[error("the checkpoint holds the passes {}, which are not the first of {expected:?}", list(.found))]
@@ -29,6 +36,11 @@ pub enum CheckpointError {
     Dependent,
     #[error("nothing to merge")]
     Nothing,
+}
+
+fn layers(layers: &[Layer]) -> String {
+    let names: Vec<&str> = layers.iter().map(|l| l.name()).collect();
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
 fn list(ranges: &[Range<u64>]) -> String {

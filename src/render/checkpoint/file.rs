@@ -12,7 +12,7 @@ use crate::tally::Counters;
 
 const MAGIC: [u8; 8] = *b"CAUSTCHK";
 /// Raised with every change of what the body holds.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const HEADER: usize = 8 + 4 + 32;
 
 impl Checkpoint {
@@ -81,6 +81,7 @@ impl Checkpoint {
             version: String::new(),
             independent: true,
             film: FilmState::default(),
+            layers: Vec::new(),
             doubt: None,
             counters: Counters::default(),
             maps: Vec::new(),

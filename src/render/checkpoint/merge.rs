@@ -27,6 +27,9 @@ impl Checkpoint {
         if o.plan != self.plan {
             return Err(CheckpointError::Plan { found: o.plan, expected: self.plan.clone() });
         }
+        if o.layers() != self.layers() {
+            return Err(CheckpointError::Layers { found: o.layers(), expected: self.layers() });
+        }
         if !self.independent {
             return Err(CheckpointError::Dependent);
         }
@@ -35,6 +38,9 @@ impl Checkpoint {
         let mut film = self.film();
         film.add(&o.film());
         self.film = film.state();
+        let mut layers = self.layer_films();
+        layers.add(&o.layer_films());
+        self.layers = layers.states();
         if let (Some(doubt), Some(other)) = (&mut self.doubt, &o.doubt) {
             add_spread(&mut doubt.pixels, &other.pixels);
             add_spread(&mut doubt.blocks, &other.blocks);

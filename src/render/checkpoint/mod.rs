@@ -17,10 +17,12 @@ use codec::{Codec, Malformed};
 pub use error::CheckpointError;
 
 use super::doubt::{Bias, Doubt};
+use super::layers::LayerFilms;
 use super::spread::Spread;
 use super::{ClampSummary, MapSummary, Plan, Session};
 use crate::film::{Clamp, Film, FilmState, ReconstructionFilter};
 use crate::image::{FilmWindow, Image};
+use crate::integrator::Layer;
 use crate::integrator::sppm::{EVENNESS_NUMBERS, Evenness, SharedRadius, SharedStatistics};
 use crate::scene::Scene;
 use crate::tally::Counters;
@@ -47,6 +49,7 @@ pub struct Checkpoint {
     /// Whether every pass stands alone.
     pub independent: bool,
     film: FilmState,
+    layers: Vec<(Layer, FilmState)>,
     doubt: Option<Doubt>,
     counters: Counters,
     maps: Vec<MapSummary>,
@@ -92,6 +95,7 @@ impl Checkpoint {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             independent: plan.independent(),
             film: session.film.state(),
+            layers: session.layers.as_ref().map_or_else(Vec::new, LayerFilms::states),
             doubt: session.doubt.clone(),
             counters: session.summary.counters,
             maps: session.summary.maps.clone(),
@@ -101,9 +105,16 @@ impl Checkpoint {
         }
     }
 
-    /// The picture of the passes that are in.
+    /// The picture of the passes that are in, with its layers.
     pub fn image(&self) -> Image {
-        self.film().develop(1.0 / self.spp.max(1) as f64)
+        let mut image = self.film().develop(1.0 / self.spp.max(1) as f64);
+        self.layer_films().add_to(&mut image);
+        image
+    }
+
+    /// What is kept beside the picture.
+    pub fn layers(&self) -> Vec<Layer> {
+        self.layers.iter().map(|(layer, _)| *layer).collect()
     }
 
     /// Passes that are in.
@@ -122,6 +133,10 @@ impl Checkpoint {
         film
     }
 
+    fn layer_films(&self) -> LayerFilms {
+        LayerFilms::from_states(self.window, self.filter, &self.layers)
+    }
+
     /// All values in the order of the file.
     fn visit<C: Codec>(&mut self, c: &mut C) -> Result<(), Malformed> {
         for text in [&mut self.scene_hash, &mut self.plan, &mut self.accel, &mut self.integrator, &mut self.version] {
@@ -138,10 +153,13 @@ impl Checkpoint {
         let mut independent = self.independent as u64;
         c.word(&mut independent)?;
         self.independent = independent != 0;
-        c.floats(&mut self.film.samples)?;
-        c.floats(&mut self.film.splats)?;
-        c.word(&mut self.film.non_finite)?;
-        visit_clamp(&mut self.film.clamp, c)?;
+        visit_film(&mut self.film, c)?;
+        c.list(&mut self.layers, LEAST_LAYER, (Layer::Photons, FilmState::default()), |c, (layer, film)| {
+            let mut index = Layer::ALL.iter().position(|l| l == layer).unwrap_or(0);
+            c.size(&mut index)?;
+            *layer = *Layer::ALL.get(index).ok_or(Malformed)?;
+            visit_film(film, c)
+        })?;
         visit_doubt(&mut self.doubt, c)?;
         visit_counters(&mut self.counters, c)?;
         c.list(&mut self.maps, 8 * 4, MapSummary::default(), |c, m| visit_map(m, c))?;
@@ -155,6 +173,7 @@ impl Checkpoint {
         let (w, h) = self.window.crop_size;
         let pixels = w as u64 * h as u64;
         let fits = |len: usize| len as u64 == pixels;
+        let whole = |f: &FilmState| fits(f.samples.len()) && (f.splats.is_empty() || fits(f.splats.len()));
         let mut last = 0;
         let ordered = self.ranges.iter().enumerate().all(|(i, r)| {
             let good = r.start < r.end && (i == 0 || r.start > last);
@@ -162,8 +181,8 @@ impl Checkpoint {
             good
         });
         let spreads = self.doubt.as_ref().is_none_or(|d| d.pixels.sum.len() as u64 == pixels);
-        fits(self.film.samples.len())
-            && (self.film.splats.is_empty() || fits(self.film.splats.len()))
+        whole(&self.film)
+            && self.layers.iter().all(|(_, film)| whole(film))
             && (self.shared.is_empty() || fits(self.shared.len()))
             && (self.evenness.is_empty() || self.evenness.len() == self.shared.len())
             && spreads
@@ -182,6 +201,9 @@ impl<'s> Session<'s> {
         let expected = describe(scene, plan);
         if checkpoint.plan != expected {
             return Err(CheckpointError::Plan { found: checkpoint.plan.clone(), expected });
+        }
+        if checkpoint.layers() != plan.layers {
+            return Err(CheckpointError::Layers { found: checkpoint.layers(), expected: plan.layers.clone() });
         }
         if checkpoint.accel != scene.accel.description() {
             let (found, expected) = (checkpoint.accel.clone(), scene.accel.description());
@@ -202,6 +224,9 @@ impl<'s> Session<'s> {
             found => return Err(CheckpointError::Passes { found: found.to_vec(), expected: plan.passes.clone() }),
         };
         session.film = checkpoint.film();
+        if !plan.layers.is_empty() {
+            session.layers = Some(checkpoint.layer_films());
+        }
         session.doubt = checkpoint.doubt.clone();
         session.next = next;
         session.summary.spp = checkpoint.spp;
@@ -229,6 +254,16 @@ fn visit_window<C: Codec>(w: &mut FilmWindow, c: &mut C) -> Result<(), Malformed
         *side = u32::try_from(word).map_err(|_| Malformed)?;
     }
     Ok(())
+}
+
+/// Bytes that a layer takes at least: its name, two lengths, a count and the clamp.
+const LEAST_LAYER: usize = 8 * 9;
+
+fn visit_film<C: Codec>(film: &mut FilmState, c: &mut C) -> Result<(), Malformed> {
+    c.floats(&mut film.samples)?;
+    c.floats(&mut film.splats)?;
+    c.word(&mut film.non_finite)?;
+    visit_clamp(&mut film.clamp, c)
 }
 
 fn visit_clamp<C: Codec>(clamp: &mut Clamp, c: &mut C) -> Result<(), Malformed> {

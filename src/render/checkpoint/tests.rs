@@ -3,6 +3,8 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::{Checkpoint, CheckpointError};
+use crate::image::Image;
+use crate::integrator::Layer;
 use crate::render::{Control, Plan, PlanOverrides, Session, Silent};
 use crate::scene::{LoadOptions, Scene};
 
@@ -68,6 +70,78 @@ fn a_resumed_render_has_the_bits_of_an_unbroken_one() {
             assert_eq!(whole.summary.counters.samples, second.summary.counters.samples, "{what}");
         }
     }
+}
+
+/// Layers of a photon mapper, tinted so that all of them hold something.
+fn layered(passes: std::ops::Range<u64>, layers: &[Layer]) -> (Scene, Plan) {
+    let s = scene("");
+    let p = Plan { spp: None, layers: layers.to_vec(), ..plan(&s, "photonmapper", passes) };
+    (s, p)
+}
+
+const LAYERS: [Layer; 3] = [Layer::Photons, Layer::Direct, Layer::Density];
+
+/// All channels of a picture with its layers.
+fn channels(image: &Image) -> Vec<(&str, Vec<f32>)> {
+    let names = image.channels().iter().map(|c| c.name.as_str());
+    names.map(|n| (n, image.channel(n).expect("a name of its own").to_vec())).collect()
+}
+
+#[test]
+fn layers_go_on_with_the_bits_of_an_unbroken_render() {
+    let (s, p) = layered(0..6, &LAYERS);
+    let layers = |session: &Session| session.layers.as_ref().expect("layers").states();
+    let mut whole = Session::new(&s, &p);
+    advance(&mut whole, 6);
+    assert!(layers(&whole).iter().all(|(_, f)| f.samples.iter().any(|s| s[1] > 0.0)), "a layer is black");
+    for stop in [0, 1, 4, 6] {
+        let mut first = Session::new(&s, &p);
+        advance(&mut first, stop);
+        let mut second = Session::resume(&s, &p, &through_file(&Checkpoint::of(&first))).expect("the same render");
+        assert_eq!(layers(&first), layers(&second), "taken up after {stop}");
+        advance(&mut second, 6 - stop);
+        assert_eq!(layers(&whole), layers(&second), "stopped after {stop}");
+    }
+    // Other layers, or none, are refused.
+    let c = Checkpoint::of(&whole);
+    for other in [&LAYERS[..2], &[], &[Layer::Direct, Layer::Photons, Layer::Density]] {
+        let refused = Session::resume(&s, &layered(0..6, other).1, &c).map(|_| ()).expect_err("other layers");
+        assert!(matches!(refused, CheckpointError::Layers { .. }), "{refused}");
+        assert!(refused.to_string().contains("photons, direct, density") && refused.to_string().contains("--aov"));
+    }
+}
+
+#[test]
+fn layers_merge_to_those_of_the_single_run() {
+    let part = |range: std::ops::Range<u64>, layers: &[Layer]| {
+        let (s, p) = layered(range.clone(), layers);
+        let mut session = Session::new(&s, &p);
+        advance(&mut session, range.end - range.start);
+        Checkpoint::of(&session)
+    };
+    let whole = part(0..4, &LAYERS);
+    let merged = Checkpoint::merge(vec![part(3..4, &LAYERS), part(0..3, &LAYERS)]).expect("parts of one render");
+    let (a, b) = (whole.image(), through_file(&merged).image());
+    let (a, b) = (channels(&a), channels(&b));
+    assert!(a.iter().any(|(name, _)| *name == "density.Y") && a.len() == b.len(), "{a:?}");
+    for ((name, a), (other, b)) in a.iter().zip(&b) {
+        assert_eq!(name, other);
+        for (a, b) in a.iter().zip(b) {
+            assert!((a - b).abs() <= 1e-6 * a.abs(), "{name}: {a} against {b}");
+        }
+    }
+    let refused = Checkpoint::merge(vec![part(0..1, &LAYERS), part(1..2, &LAYERS[1..])]).expect_err("other layers");
+    assert!(matches!(refused, CheckpointError::Layers { .. }), "{refused}");
+}
+
+#[test]
+fn files_of_older_formats_are_refused_by_name() {
+    let s = scene("");
+    let mut bytes = Checkpoint::of(&Session::new(&s, &plan(&s, "ppm", 0..6))).encode();
+    bytes[8..12].copy_from_slice(&3u32.to_le_bytes());
+    let refused = Checkpoint::decode(&bytes, Path::new("old.ckpt")).expect_err("an older format");
+    assert!(matches!(refused, CheckpointError::Version { found: 3, expected: 4, .. }), "{refused}");
+    assert!(refused.to_string().contains("old.ckpt") && refused.to_string().contains("format 3"));
 }
 
 #[test]
@@ -157,7 +231,8 @@ fn what_does_not_belong_together_is_refused() {
 #[test]
 fn damage_is_found() {
     let s = scene("");
-    let mut session = Session::new(&s, &plan(&s, "ppm", 0..6));
+    let p = Plan { layers: vec![Layer::Density], ..plan(&s, "photonmapper", 0..6) };
+    let mut session = Session::new(&s, &p);
     advance(&mut session, 2);
     let bytes = Checkpoint::of(&session).encode();
     let read = |bytes: &[u8]| Checkpoint::decode(bytes, Path::new("x"));
