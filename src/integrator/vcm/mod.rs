@@ -6,6 +6,8 @@
 //! camera vertices near it (merging). Camera paths also meet lights and sample them. The balance heuristic weighs them all.
 
 mod camera_path;
+mod event;
+mod faint;
 mod grid;
 mod light_path;
 mod pass;

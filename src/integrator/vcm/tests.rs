@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 use std::path::Path as FilePath;
 
 use super::camera_path::{CameraWalk, connection_sums, escape_densities, hit_densities, next_event_sums};
+use super::event::{Event, Pdf};
 use super::light_path::{LightVertex, LightWalk, lens_sums};
 use super::step::CameraVertex;
 use super::weights::{Mis, emitter_hit, merged_side, side, weight};
@@ -380,6 +381,10 @@ impl Trial<'_> {
         !self.recipe.scene.bsdf(&si).eval(wo, wi, mode, LobeMask::ALL).is_black()
     }
 
+    fn pdf(&self, si: &SurfaceInteraction, wi: Vec3, mode: Mode) -> Pdf {
+        Event::new(self.recipe, si, &self.recipe.scene.bsdf(si), wi, mode).expect("it scatters").pdf
+    }
+
     /// The path of light vertices `..s` and camera vertices `..t` (the camera counts), joined along `w` from light to
     /// camera. The vertices at the joint scatter by a density.
     fn join(&self, light: &Walked, s: usize, camera: &Walked, t: usize, w: Vec3) -> FullPath {
@@ -467,9 +472,8 @@ impl Trial<'_> {
                         recipe,
                         self.eta,
                         &self.light_vertex(l, s - 1),
-                        &scene.bsdf(&si),
-                        we.wi,
-                        we.importance,
+                        (we.wi, we.importance),
+                        self.pdf(&si, we.wi, Mode::Importance),
                     );
                     self.check(&path, Technique::Connect(s), weight(sums));
                     self.check_sums(&path, l, s);
@@ -553,7 +557,11 @@ impl Trial<'_> {
             let end = Vertex { p: li.p, n: li.n, si: None, delta: false };
             let l = Walked { x: vec![end], dir: vec![], mis: vec![], light: index };
             let path = self.join(&l, 1, c, t, -li.wi);
-            self.check(&path, Technique::Connect(1), weight(next_event_sums(recipe, &v, index, &li)));
+            self.check(
+                &path,
+                Technique::Connect(1),
+                weight(next_event_sums(recipe, &v, index, &li, self.pdf(si, li.wi, Mode::Radiance))),
+            );
         }
         let Some(l) = light else { return };
         for s in 2..=l.x.len() {
@@ -566,7 +574,8 @@ impl Trial<'_> {
                 let path = self.join(l, s, c, t, -w);
                 let z = self.light_vertex(l, s - 1);
                 let between = (w, d.length_squared() as f64);
-                let sums = connection_sums(recipe, &v, &z, &scene.bsdf(&end), between, self.eta);
+                let pdfs = (self.pdf(si, w, Mode::Radiance), self.pdf(&end, -w, Mode::Importance));
+                let sums = connection_sums(recipe, &v, &z, pdfs, between, self.eta);
                 self.check(&path, Technique::Connect(s), weight(sums));
                 self.check_sums(&path, l, s);
             }
