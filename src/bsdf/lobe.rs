@@ -194,6 +194,20 @@ impl Kind {
         }
     }
 
+    /// [`eval`](Self::eval) with the densities of `wi` from `wo` and of `wo` from `wi`.
+    #[inline]
+    pub fn eval_with_pdfs(&self, wo: Vec3, wi: Vec3, mode: Mode) -> (Rgb, f32, f32) {
+        match self {
+            Self::Lambert(l) => (l.eval(wo, wi), Lambert::pdf(wo, wi), Lambert::pdf(wi, wo)),
+            Self::Phong(l) => {
+                // The lobe is the same both ways.
+                let pdf = l.pdf(wo, wi);
+                (l.eval_where(pdf, wi), pdf, pdf)
+            }
+            _ => (self.eval(wo, wi, mode), self.pdf(wo, wi), self.pdf(wi, wo)),
+        }
+    }
+
     /// Probability of the discrete reflection or transmission; 0 for lobes with a density.
     pub fn discrete_pdf(&self, wo: Vec3, transmit: bool) -> f32 {
         match self {

@@ -30,6 +30,12 @@ impl Phong {
         self.tint * (0.5 * INV_PI * (self.exponent + 2.0) * self.lobe(wo, wi) * wi.z)
     }
 
+    /// [`eval`](Self::eval) where the density is `pdf`.
+    #[inline]
+    pub fn eval_where(&self, pdf: f32, wi: Vec3) -> Rgb {
+        self.tint * ((self.exponent + 2.0) / (self.exponent + 1.0) * pdf * wi.z)
+    }
+
     #[inline]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
         0.5 * INV_PI * (self.exponent + 1.0) * self.lobe(wo, wi)

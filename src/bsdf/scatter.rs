@@ -128,6 +128,20 @@ impl Bsdf {
         }
     }
 
+    /// [`eval`](Self::eval) over all lobes, with the densities of `wi` from `wo` and of `wo` from `wi`: cheaper than one by
+    /// one.
+    #[inline(always)]
+    pub fn eval_with_pdfs(&self, wo: Vec3, wi: Vec3, mode: Mode) -> (Rgb, f32, f32) {
+        match self {
+            Self::Diffuse(d) => (d.eval(wo, wi, mode), d.pdf(wo, wi), d.pdf(wi, wo)),
+            Self::Layers(l) => l.eval_with_pdfs(wo, wi, mode),
+            _ => {
+                let pdf = |wo, wi| self.pdf_other(wo, wi, LobeMask::ALL);
+                (self.eval_other(wo, wi, mode, LobeMask::ALL), pdf(wo, wi), pdf(wi, wo))
+            }
+        }
+    }
+
     /// Picks a direction from the lobes of `mask`; `None` when there is nothing to pick or the direction leaks through
     /// the geometry.
     #[inline(always)]
@@ -341,6 +355,29 @@ impl Layers {
             .map(|(l, s)| s * l.pdf(&self.normals, wo, wi))
             .sum();
         sum / total
+    }
+
+    /// As [`Bsdf::eval_with_pdfs`].
+    #[inline(never)]
+    fn eval_with_pdfs(&self, wo: Vec3, wi: Vec3, mode: Mode) -> (Rgb, f32, f32) {
+        let mut value = Rgb::BLACK;
+        // Sums of densities by the shares of the lobes, and the sums of the shares.
+        let (mut there, mut back) = ((0.0, 0.0), (0.0, 0.0));
+        for lobe in self.lobes() {
+            let l = lobe.local(&self.normals, wo, wi);
+            let share = |w| (lobe.kind.albedo(w) * lobe.weight).mean();
+            let (share_there, share_back) = (share(l.wo), share(l.wi));
+            there.1 += share_there;
+            back.1 += share_back;
+            if lobe.class.intersects(LobeMask::SMOOTH) && l.sides_agree() {
+                let (f, pdf_there, pdf_back) = lobe.kind.eval_with_pdfs(l.wo, l.wi, mode);
+                value += f * (lobe.weight * l.adjoint(mode) * lobe.shadowing(&self.normals, wo, wi, mode));
+                there.0 += share_there * pdf_there;
+                back.0 += share_back * pdf_back;
+            }
+        }
+        let density = |(sum, shares): (f32, f32)| if shares > 0.0 { sum / shares } else { 0.0 };
+        (value, density(there), density(back))
     }
 
     fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode, mask: LobeMask) -> Option<BsdfSample> {

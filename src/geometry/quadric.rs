@@ -102,9 +102,10 @@ impl Parametrised {
 impl Sphere {
     /// Smallest ray parameter in `(0, tmax)`.
     pub fn intersect(&self, ray: &Ray) -> Option<f32> {
-        if !is_traceable(ray) {
-            return None;
-        }
+        if !is_traceable(ray) || self.surely_missed(ray) { None } else { self.intersect_in_f64(ray) }
+    }
+
+    pub(super) fn intersect_in_f64(&self, ray: &Ray) -> Option<f32> {
         let (o, d) = (ray.o.as_dvec3() - self.center.as_dvec3(), ray.d.as_dvec3());
         let r = self.radius as f64;
         // Measure the miss distance at the closest approach: `b² − ac` would subtract large products. The squares of f32
@@ -114,6 +115,25 @@ impl Sphere {
         let miss_sq = (o + d * (b / a)).length_squared();
         let [t0, t1] = roots(a, b, o.length_squared() - r * r, r * r - miss_sq)?;
         on_ray(t0, ray).or_else(|| on_ray(t1, ray))
+    }
+
+    /// Whether f32 is enough to tell that the line of the ray misses, or that the ray leads away.
+    ///
+    /// With ε half of `f32::EPSILON`, `o` is good to ε in each coordinate, so `|o|²` and `(o·d)²/|d|²` are good to 6 ε |o|²
+    /// and 12 ε |o|².
+    #[inline(always)]
+    pub(super) fn surely_missed(&self, ray: &Ray) -> bool {
+        const ERROR: f32 = 16.0 * f32::EPSILON;
+        let (o, d) = (ray.o - self.center, ray.d);
+        let (o_sq, d_sq, b) = (o.length_squared(), d.length_squared(), o.dot(d));
+        let (most, r_sq) = (o_sq * d_sq, self.radius * self.radius);
+        // Nothing below may be lost under the normal numbers; what overflows fails the comparisons.
+        if !(d_sq > 1e-12 && r_sq > 1e-12 && o_sq > 1e-12) {
+            return false;
+        }
+        let beside = most - b * b > (r_sq * (1.0 + ERROR) + o_sq * ERROR) * d_sq;
+        let behind = b > 0.0 && b * b > ERROR * most && o_sq * (1.0 - ERROR) > r_sq;
+        beside || behind
     }
 
     pub fn bounds(&self) -> Bounds3 {

@@ -91,6 +91,32 @@ fn cylinder(to_world: Transform) -> Cylinder {
     Cylinder { to_world, radius, length: to_world.vector_f64(DVec3::Z).length() as f32, flip_normals: false }
 }
 
+/// Rays that graze spheres, start on or in them, and lead away from them, at all sizes.
+#[test]
+fn f32_alone_rejects_no_ray_that_meets_a_sphere() {
+    let mut rng = Random(11);
+    let (mut rejected, mut met) = (0, 0);
+    for _ in 0..200_000 {
+        let scale = rng.wild().abs();
+        let radius = scale * 10f32.powf(-3.0 * rng.unit());
+        let center = scale * rng.vec3();
+        let s = Sphere { center, radius, flip_normals: false, uv: false, to_world: Transform::IDENTITY };
+        // Aim at the silhouette, up to a few roundings beside it.
+        let o = center + rng.direction() * radius * 10f32.powf(3.0 * rng.unit() * rng.unit());
+        let side = rng.direction().cross(o - center).normalize_or(Vec3::X);
+        let beside = 1.0 + 10f32.powf(-7.0 * rng.unit()) * rng.signed();
+        let d = (center + side * radius * beside - o) * rng.signed();
+        let ray = Ray::new(o, if rng.unit() < 0.5 { d.normalize_or(side) } else { d });
+        let hit = s.intersect_in_f64(&ray);
+        met += hit.is_some() as u32;
+        if s.surely_missed(&ray) {
+            rejected += 1;
+            assert_eq!(hit, None, "{s:?} {ray:?}");
+        }
+    }
+    assert!(rejected > 50_000 && met > 20_000, "{rejected}, {met}");
+}
+
 /// Shoots at a shape, leaves it in both directions, and counts hits on the same surface that a convex or flat shape
 /// cannot have.
 fn self_hits(set: &GeometrySet, rng: &mut Random, aim: Vec3, reach: f32, closed: bool) -> (u32, u32) {

@@ -26,6 +26,8 @@ pub enum Purpose {
     Shadow = 11,
     /// Rays that find where surfaces end.
     Boundary = 12,
+    /// Which connections of bidirectional methods are worth a shadow ray.
+    Connection = 13,
 }
 
 /// A bijective 64-bit mixer with full avalanche (the finaliser of SplitMix64 [Steele et al. 2014]).

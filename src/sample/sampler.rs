@@ -157,6 +157,12 @@ impl Sampler {
         Self { key: hash_u64(self.key, !(purpose as u64)), ..*self }.split(count)
     }
 
+    /// Random bits for `purpose` besides, always the same ones; the stream itself stays where it is.
+    #[inline]
+    pub fn bits_aside(&self, purpose: Purpose) -> u64 {
+        hash_u64(hash_u64(self.key, !(purpose as u64)), self.prepared)
+    }
+
     #[inline(always)]
     fn next_hash(&mut self) -> u64 {
         let dimension = DIMENSIONS.get(self.dim as usize).copied().unwrap_or_else(|| premix(self.dim as u64));

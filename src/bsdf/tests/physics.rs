@@ -34,6 +34,11 @@ fn weights_are_eval_over_pdf() {
                     }
                     let f = bsdf.eval(si.wo, x.wi, mode, LobeMask::ALL);
                     let pdf = bsdf.pdf(si.wo, x.wi, mode, LobeMask::ALL);
+                    let (both, there, back) = bsdf.eval_with_pdfs(si.wo, x.wi, mode);
+                    let alone = [f[0], f[1], f[2], pdf, bsdf.pdf(x.wi, si.wo, mode, LobeMask::ALL)];
+                    for (a, b) in alone.into_iter().zip([both[0], both[1], both[2], there, back]) {
+                        assert!(relative(a, b) < 1e-5, "{}: {a} alone, {b} together", case.name);
+                    }
                     // Rounding of wi moves narrow lobes by 1e-7/alpha, and grazing cosines by 1e-7/cos.
                     let slack = 1e-3 + 3e-7 / x.wi.dot(si.ns).abs();
                     worst = worst.max(relative(pdf, x.pdf) / slack);

@@ -2,9 +2,11 @@
 
 use super::Recipe;
 use super::correlation::{self, Link, Trails};
+use super::event::{Event, Pdf};
+use super::faint::Faint;
 use super::grid::Grid;
 use super::light_path::LightVertex;
-use super::step::{CameraVertex, Scattered, cosine, pdf_back};
+use super::step::{CameraVertex, Scattered, cosine};
 use super::weights::{Mis, emitter_hit, side, weight};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::camera::CameraRay;
@@ -37,6 +39,7 @@ pub(super) struct CameraWalk {
 }
 
 impl CameraWalk {
+    #[inline(always)]
     pub fn start(recipe: &Recipe, camera_ray: &CameraRay) -> Self {
         let parallel = recipe.scene.camera.is_orthographic();
         let pdf = if parallel { camera_ray.pdf_a } else { camera_ray.pdf_w };
@@ -56,6 +59,7 @@ impl CameraWalk {
     }
 
     /// Carries the sums over the edge to `si`; what waits to be decided stays until then.
+    #[inline(always)]
     pub fn arrive(&mut self, si: &SurfaceInteraction) {
         let dist_sq = if self.parallel { 1.0 } else { self.from.distance_squared(si.p) as f64 };
         self.mis.arrive(dist_sq, cosine(si, si.wo));
@@ -84,6 +88,7 @@ impl CameraWalk {
     }
 
     /// Scatters at `si`; false ends the walk.
+    #[inline(always)]
     pub fn scatter(
         &mut self,
         recipe: &Recipe,
@@ -121,6 +126,7 @@ pub(super) struct LightField<'a> {
 }
 
 /// Radiance (W·m⁻²·sr⁻¹) along a camera ray by all techniques with camera vertices.
+#[inline(always)]
 pub(super) fn radiance(
     recipe: &Recipe,
     camera_ray: &CameraRay,
@@ -134,15 +140,17 @@ pub(super) fn radiance(
     let mut hide = recipe.settings.hide_emitters;
     let correlated = recipe.settings.correlation_aware;
     let mut links = Vec::new();
+    let mut faint = Faint::new(sampler);
     while walk.depth < recipe.max_depth {
         // Find the next surface; what leaves the scene sees the environment.
         counters.camera_rays += 1;
-        let Some(si) = scene.intersect(&mut walk.ray) else {
+        let Some(hit) = scene.hit(&mut walk.ray) else {
             if !hide {
                 sum += escaped(recipe, &mut walk, (field.eta, &links));
             }
             break;
         };
+        let si = scene.interaction(&walk.ray, &hit);
         let emitter = scene.is_emitter(&si);
         if emitter && hide {
             walk.ray = Ray { tmax: walk.ray.tmax, ..si.spawn_ray(walk.ray.d) };
@@ -169,10 +177,12 @@ pub(super) fn radiance(
             let trails = correlated.then_some(Trails { camera: &links, light: field.links });
             let v = CameraVertex { si: &si, bsdf: &bsdf, mis: &walk.mis, depth: walk.depth, merge, trails };
             if recipe.settings.connect {
-                sum += walk.beta * next_event(recipe, &v, field.eta, sampler, counters);
+                faint.compare_with(sum);
+                sum += next_event(recipe, &v, (field.eta, walk.beta), sampler, &mut faint, counters);
                 let pairs = field.vertices.iter().zip(field.bsdfs);
                 for light in pairs.take_while(|(l, _)| l.depth + v.depth < recipe.max_depth) {
-                    sum += walk.beta * connect(recipe, &v, light, field.eta, counters);
+                    faint.compare_with(sum);
+                    sum += connect(recipe, &v, light, (field.eta, walk.beta), &mut faint, counters);
                 }
             }
             if let (Some(grid), true) = (field.grid, merge > 0.0) {
@@ -237,26 +247,42 @@ pub(super) fn hit_densities(scene: &Scene, si: &SurfaceInteraction, from: Vec3) 
     (direct, scene.photon_selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64)
 }
 
-/// Next-event estimation: light from a sampled light, towards the vertex before.
-fn next_event(recipe: &Recipe, v: &CameraVertex, eta: f64, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
+/// Next-event estimation: light from a sampled light, towards the eye along a path of weight `beta`.
+#[inline(always)]
+fn next_event(
+    recipe: &Recipe,
+    v: &CameraVertex,
+    (eta, beta): (f64, Rgb),
+    sampler: &mut Sampler,
+    faint: &mut Faint,
+    counters: &mut Counters,
+) -> Rgb {
     let scene = recipe.scene;
     let (u_light, u) = (sampler.next_1d(), sampler.next_2d());
     let Some((index, pmf)) = scene.selector.sample(u_light) else { return Rgb::BLACK };
     let Some(li) = scene.lights[index].sample_li(&scene.light_context(), v.si.p, u) else { return Rgb::BLACK };
-    let f = v.bsdf.eval(v.si.wo, li.wi, Mode::Radiance, LobeMask::ALL);
-    if f.is_black() || li.radiance.is_black() {
+    if li.radiance.is_black() {
         return Rgb::BLACK;
     }
-    counters.shadow_rays += 1;
-    if !scene.unoccluded(v.si, &li) {
-        return Rgb::BLACK;
-    }
-    let w = weight(next_event_sums(recipe, v, eta, index, &li));
-    f * li.radiance * (w / (pmf as f64 * li.pdf_w as f64)) as f32
+    let Some(event) = Event::new(recipe, v.si, v.bsdf, li.wi, Mode::Radiance) else { return Rgb::BLACK };
+    let w = weight(next_event_sums(recipe, v, eta, (index, &li), event.pdf));
+    let value = beta * event.f * li.radiance * (w / (pmf as f64 * li.pdf_w as f64)) as f32;
+    faint.unless_occluded(value, || {
+        counters.shadow_rays += 1;
+        scene.unoccluded(v.si, &li)
+    })
 }
 
-/// What the other techniques of a path that next-event estimation found amount to.
-pub(super) fn next_event_sums(recipe: &Recipe, v: &CameraVertex, eta: f64, index: usize, li: &LightLi) -> f64 {
+/// What the other techniques of a path that next-event estimation found amount to; `pdf` are the densities towards the
+/// light.
+#[inline(always)]
+pub(super) fn next_event_sums(
+    recipe: &Recipe,
+    v: &CameraVertex,
+    eta: f64,
+    (index, li): (usize, &LightLi),
+    pdf: Pdf,
+) -> f64 {
     let scene = recipe.scene;
     let light = &scene.lights[index];
     let pmf = scene.selector.pmf(index) as f64;
@@ -271,63 +297,57 @@ pub(super) fn next_event_sums(recipe: &Recipe, v: &CameraVertex, eta: f64, index
             (false, true) => pdf_a as f64 * pdf_w as f64 * cos / li.pdf_w as f64,
             (false, false) => pdf_a as f64 * pdf_w as f64 * cos / (li.pdf_w as f64 * -li.n.dot(li.wi) as f64),
         };
-    let hit = if li.delta {
-        0.0
-    } else {
-        v.bsdf.pdf(v.si.wo, li.wi, Mode::Radiance, LobeMask::ALL) as f64 / (pmf * li.pdf_w as f64)
-    };
-    let rev = pdf_back(recipe, v.si, v.bsdf, li.wi, v.si.wo);
+    let hit = if li.delta { 0.0 } else { pdf.fwd / (pmf * li.pdf_w as f64) };
     if let Some(trails) = &v.trails {
-        return correlation::next_event_sums(recipe, trails, eta, index, li, (ratio, hit, rev));
+        return correlation::next_event_sums(recipe, trails, eta, index, li, (ratio, hit, pdf.rev));
     }
     let merge = if recipe.merges_direct() { v.merge } else { 0.0 };
-    hit + side(v.mis, ratio, rev, merge)
+    hit + side(v.mis, ratio, pdf.rev, merge)
 }
 
-/// Connects a camera vertex with a light vertex.
+/// Connects a camera vertex at the end of a path of weight `beta` with a light vertex.
+#[inline(always)]
 fn connect(
     recipe: &Recipe,
     v: &CameraVertex,
     (light, light_bsdf): (&LightVertex, &Bsdf),
-    eta: f64,
+    (eta, beta): (f64, Rgb),
+    faint: &mut Faint,
     counters: &mut Counters,
 ) -> Rgb {
     let d = light.si.p - v.si.p;
     let dist_sq = d.length_squared();
     let w = d / dist_sq.sqrt();
-    let f = v.bsdf.eval(v.si.wo, w, Mode::Radiance, LobeMask::ALL);
-    if f.is_black() {
-        return Rgb::BLACK;
-    }
-    let g = light_bsdf.eval(light.si.wo, -w, Mode::Importance, LobeMask::ALL);
-    if g.is_black() {
-        return Rgb::BLACK;
-    }
-    let sums = connection_sums(recipe, v, light, light_bsdf, (w, dist_sq as f64), eta);
-    let value = f * g * light.beta * (weight(sums) as f32 / dist_sq);
-    counters.shadow_rays += 1;
-    if recipe.scene.visible(v.si, (light.si.p, light.si.p_err, light.si.ng)) { value } else { Rgb::BLACK }
+    let Some(here) = Event::new(recipe, v.si, v.bsdf, w, Mode::Radiance) else { return Rgb::BLACK };
+    let Some(there) = Event::new(recipe, &light.si, light_bsdf, -w, Mode::Importance) else { return Rgb::BLACK };
+    let sums = connection_sums(recipe, v, light, (here.pdf, there.pdf), (w, dist_sq as f64), eta);
+    let value = beta * here.f * there.f * light.beta * (weight(sums) as f32 / dist_sq);
+    faint.unless_occluded(value, || {
+        counters.shadow_rays += 1;
+        recipe.scene.visible(v.si, (light.si.p, light.si.p_err, light.si.ng))
+    })
 }
 
-/// What the other techniques of a connected path amount to; `w` points from the camera's vertex to the light's.
+/// What the other techniques of a connected path amount to; `w` points from the camera's vertex to the light's, `here` are
+/// the camera vertex's densities in this direction and `there` the light vertex's in the opposite one.
+#[inline(always)]
 pub(super) fn connection_sums(
     recipe: &Recipe,
     v: &CameraVertex,
     light: &LightVertex,
-    light_bsdf: &Bsdf,
+    (here, there): (Pdf, Pdf),
     (w, dist_sq): (Vec3, f64),
     eta: f64,
 ) -> f64 {
     // Densities with which each side would have sampled the vertex of the other, per area.
-    let to_light = v.bsdf.pdf(v.si.wo, w, Mode::Radiance, LobeMask::ALL) as f64 * cosine(&light.si, w) / dist_sq;
-    let to_camera = light_bsdf.pdf(light.si.wo, -w, Mode::Importance, LobeMask::ALL) as f64 * cosine(v.si, w) / dist_sq;
-    let camera_rev = pdf_back(recipe, v.si, v.bsdf, w, v.si.wo);
-    let light_rev = pdf_back(recipe, &light.si, light_bsdf, -w, light.si.wo);
+    let per_dist_sq = 1.0 / dist_sq;
+    let to_light = here.fwd * cosine(&light.si, w) * per_dist_sq;
+    let to_camera = there.fwd * cosine(v.si, w) * per_dist_sq;
     if let Some(trails) = &v.trails {
-        let (light_pdfs, camera_pdfs) = ((to_light, light_rev), (to_camera, camera_rev));
+        let (light_pdfs, camera_pdfs) = ((to_light, there.rev), (to_camera, here.rev));
         return correlation::connection_sums(recipe, trails, eta, light, light_pdfs, camera_pdfs);
     }
     let light_merge = if light.merges { eta } else { 0.0 };
     let camera_merge = if recipe.focuses(&light.si) { v.merge } else { 0.0 };
-    side(&light.mis, to_light, light_rev, light_merge) + side(v.mis, to_camera, camera_rev, camera_merge)
+    side(&light.mis, to_light, there.rev, light_merge) + side(v.mis, to_camera, here.rev, camera_merge)
 }

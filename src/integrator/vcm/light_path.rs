@@ -2,8 +2,9 @@
 
 use super::Recipe;
 use super::correlation::{self, Link};
+use super::event::{Event, Pdf};
 use super::grid::Photon;
-use super::step::{Scattered, cosine, pdf_back};
+use super::step::{Scattered, cosine};
 use super::weights::{Mis, side, weight};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
@@ -49,6 +50,7 @@ pub(super) struct LightWalk {
 
 impl LightWalk {
     /// Leaves a light.
+    #[inline(always)]
     pub fn start(recipe: &Recipe, sampler: &mut Sampler) -> Option<Self> {
         let scene = recipe.scene;
         let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
@@ -69,14 +71,17 @@ impl LightWalk {
     }
 
     /// Walks to the next surface.
+    #[inline(always)]
     pub fn advance(&mut self, recipe: &Recipe, counters: &mut Counters) -> Option<SurfaceInteraction> {
         counters.photon_rays += 1;
-        let si = recipe.scene.intersect(&mut self.ray)?;
+        let hit = recipe.scene.hit(&mut self.ray)?;
+        let si = recipe.scene.interaction(&self.ray, &hit);
         self.arrive(recipe, &si);
         Some(si)
     }
 
     /// Carries the sums over the edge to `si`.
+    #[inline(always)]
     pub fn arrive(&mut self, recipe: &Recipe, si: &SurfaceInteraction) {
         let cos = cosine(si, si.wo);
         if self.depth == 0 {
@@ -111,12 +116,14 @@ impl LightWalk {
     }
 
     /// The vertex just reached.
+    #[inline(always)]
     pub fn vertex(&self, recipe: &Recipe, si: &SurfaceInteraction) -> LightVertex {
         let merges = self.focused && recipe.mergeable(si);
         LightVertex { si: *si, beta: self.beta, mis: self.mis, depth: self.depth, merges, links: 0 }
     }
 
     /// Scatters at `si` with Russian roulette; false ends the walk.
+    #[inline(always)]
     pub fn scatter(
         &mut self,
         recipe: &Recipe,
@@ -155,6 +162,8 @@ impl LightWalk {
 pub(super) struct LightSink {
     /// Vertices for connections, path after path.
     pub vertices: Vec<LightVertex>,
+    /// Their bsdfs, where they are wanted.
+    pub bsdfs: Vec<Bsdf>,
     /// Vertices for merging.
     pub photons: Vec<Photon>,
     /// Densities of all vertices, where weights are aware of correlation.
@@ -167,6 +176,7 @@ impl LightSink {
     /// Empties it and keeps its memory.
     pub fn clear(&mut self) {
         self.vertices.clear();
+        self.bsdfs.clear();
         self.photons.clear();
         self.links.clear();
         self.splats.clear();
@@ -178,10 +188,12 @@ impl LightSink {
 #[derive(Clone, Copy)]
 pub(super) struct Collect {
     pub vertices: bool,
+    pub bsdfs: bool,
     pub splats: bool,
 }
 
 /// Follows one light path to its end.
+#[inline(always)]
 pub(super) fn trace(recipe: &Recipe, eta: f64, mut sampler: Sampler, collect: Collect, sink: &mut LightSink) {
     let Some(mut walk) = LightWalk::start(recipe, &mut sampler) else { return };
     let (correlated, links) = (recipe.settings.correlation_aware, sink.links.len());
@@ -200,6 +212,9 @@ pub(super) fn trace(recipe: &Recipe, eta: f64, mut sampler: Sampler, collect: Co
             }
             if collect.vertices {
                 sink.vertices.push(vertex);
+                if collect.bsdfs {
+                    sink.bsdfs.push(bsdf);
+                }
             }
             if vertex.merges {
                 sink.photons.push(Photon {
@@ -223,6 +238,7 @@ pub(super) fn trace(recipe: &Recipe, eta: f64, mut sampler: Sampler, collect: Co
 }
 
 /// Splats what the lens receives from a light vertex, W·m⁻²·sr⁻¹ of a pixel.
+#[inline(always)]
 fn connect_to_lens(recipe: &Recipe, eta: f64, v: &LightVertex, bsdf: &Bsdf, u: Vec2, sink: &mut LightSink) {
     let (scene, si) = (recipe.scene, &v.si);
     // Light scattered off a hidden emitter does not show.
@@ -230,18 +246,15 @@ fn connect_to_lens(recipe: &Recipe, eta: f64, v: &LightVertex, bsdf: &Bsdf, u: V
         return;
     }
     let Some(we) = scene.camera.we(si.p, u) else { return };
-    let f = bsdf.eval(si.wo, we.wi, Mode::Importance, LobeMask::ALL);
-    if f.is_black() {
-        return;
-    }
+    let Some(event) = Event::new(recipe, si, bsdf, we.wi, Mode::Importance) else { return };
     let w = match recipe.settings.camera_paths {
         true => {
             let links = recipe.settings.correlation_aware.then_some((&sink.links[..], we.dist as f64));
-            weight(lens_sums(recipe, eta, v, bsdf, (we.wi, we.importance), links))
+            weight(lens_sums(recipe, eta, v, (we.wi, we.importance), event.pdf, links))
         }
         false => 1.0,
     };
-    let value = v.beta * f * (we.importance * w as f32 / recipe.light_paths as f32);
+    let value = v.beta * event.f * (we.importance * w as f32 / recipe.light_paths as f32);
     sink.counters.shadow_rays += 1;
     if !lens_sees(recipe, si, we.start) {
         return;
@@ -253,23 +266,23 @@ fn connect_to_lens(recipe: &Recipe, eta: f64, v: &LightVertex, bsdf: &Bsdf, u: V
     }
 }
 
-/// What the other techniques of a path that light tracing found amount to. Weights that are aware of correlation need the
-/// links of the path and the distance of the lens.
+/// What the other techniques of a path that light tracing found amount to; `pdf` are the densities towards the lens. Weights
+/// that are aware of correlation need the links of the path and the distance of the lens.
+#[inline(always)]
 pub(super) fn lens_sums(
     recipe: &Recipe,
     eta: f64,
     v: &LightVertex,
-    bsdf: &Bsdf,
     (to_lens, importance): (Vec3, f32),
+    pdf: Pdf,
     links: Option<(&[Link], f64)>,
 ) -> f64 {
-    let rev = pdf_back(recipe, &v.si, bsdf, to_lens, v.si.wo);
     let pdf_a = importance as f64 * cosine(&v.si, to_lens);
     if let Some((links, distance)) = links {
-        return correlation::lens_sums(recipe, eta, links, v, (pdf_a, rev), distance);
+        return correlation::lens_sums(recipe, eta, links, v, (pdf_a, pdf.rev), distance);
     }
     let merge = if v.merges { eta } else { 0.0 };
-    side(&v.mis, pdf_a / recipe.light_paths as f64, rev, merge)
+    side(&v.mis, pdf_a / recipe.light_paths as f64, pdf.rev, merge)
 }
 
 /// Whether nothing stands between a vertex and the camera's near plane; hidden emitters do not.

@@ -8,6 +8,8 @@
 mod camera_path;
 mod correlation;
 mod efficiency;
+mod event;
+mod faint;
 mod grid;
 mod light_path;
 mod pass;

@@ -10,6 +10,7 @@ use super::correlation::Link;
 use super::grid::Grid;
 use super::light_path::{Collect, LightSink, LightVertex, trace};
 use super::{Merging, Recipe, VcmSettings};
+use crate::accel::{self, Task};
 use crate::film::{Film, FilmTile, SplatBuffer};
 use crate::math::Vec2;
 use crate::sample::{Key, Purpose, Sampler};
@@ -101,7 +102,7 @@ impl Iteration<'_, '_> {
         let tiles: Vec<Done> = (0..count)
             .into_par_iter()
             .map(|index| {
-                let tile = self.render_tile(film.tile(index), batches, grid, eta);
+                let tile = accel::run(TileWork { iteration: self, tile: film.tile(index), batches, grid, eta });
                 progress((done.fetch_add(1, Ordering::Relaxed) + 1) as f64 / count as f64);
                 tile
             })
@@ -122,20 +123,28 @@ impl Iteration<'_, '_> {
     /// All light paths of the iteration, into `batches`.
     fn trace_batches(&self, eta: f64, batches: &mut Vec<Batch>) {
         let paths = self.recipe.light_paths;
-        let collect = Collect { vertices: self.recipe.connects(), splats: true };
+        let collect = Collect { vertices: self.recipe.connects(), bsdfs: false, splats: true };
         batches.resize_with(paths.div_ceil(PATHS_PER_BATCH) as usize, Batch::default);
         batches.par_iter_mut().enumerate().for_each(|(batch, out)| {
-            out.sink.clear();
-            out.ends.clear();
             let first = batch as u64 * PATHS_PER_BATCH;
-            for path in first..(first + PATHS_PER_BATCH).min(paths) {
-                trace(self.recipe, eta, self.light_sampler(path), collect, &mut out.sink);
-                out.ends.push(out.sink.vertices.len() as u32);
-            }
+            let range = first..(first + PATHS_PER_BATCH).min(paths);
+            accel::run(BatchWork { iteration: self, range, out, eta, collect });
         });
     }
 
+    /// Light paths of a batch.
+    #[inline(always)]
+    fn trace_batch(&self, range: Range<u64>, eta: f64, collect: Collect, out: &mut Batch) {
+        out.sink.clear();
+        out.ends.clear();
+        for path in range {
+            trace(self.recipe, eta, self.light_sampler(path), collect, &mut out.sink);
+            out.ends.push(out.sink.vertices.len() as u32);
+        }
+    }
+
     /// Camera paths of a tile, with their light paths unless `batches` holds them.
+    #[inline(always)]
     fn render_tile(&self, mut tile: FilmTile, batches: &[Batch], grid: Option<&Grid>, eta: f64) -> Done {
         let recipe = self.recipe;
         let scene = recipe.scene;
@@ -144,7 +153,7 @@ impl Iteration<'_, '_> {
         let mut counters = Counters::default();
         let (mut sink, mut bsdfs) = (LightSink::default(), Vec::new());
         let own_light = batches.is_empty() && recipe.traces_light();
-        let collect = Collect { vertices: recipe.connects(), splats: true };
+        let collect = Collect { vertices: recipe.connects(), bsdfs: true, splats: true };
         for (x, y) in tile.pixels() {
             // Find or make the light path of this camera path.
             let (column, row) = (x - window.crop_offset.0, y - window.crop_offset.1);
@@ -152,18 +161,22 @@ impl Iteration<'_, '_> {
             if own_light {
                 sink.vertices.clear();
                 sink.links.clear();
+                sink.bsdfs.clear();
                 trace(recipe, eta, self.light_sampler(path), collect, &mut sink);
             }
             let vertices = if own_light { &sink.vertices[..] } else { vertices_of(batches, path) };
-            bsdfs.clear();
-            bsdfs.extend(vertices.iter().map(|v| scene.bsdf(&v.si)));
+            if !own_light {
+                bsdfs.clear();
+                bsdfs.extend(vertices.iter().map(|v| scene.bsdf(&v.si)));
+            }
             // Place the sample on the film and the lens.
             let mut sampler =
                 Sampler::new(scene.sampler.sequence, key.with(((y as u64) << 32) | x as u64), self.sample);
             let film_pos = Vec2::new(x as f32, y as f32) + sampler.next_2d();
             let camera_ray = scene.camera_ray(film_pos, sampler.next_2d());
             let links = if own_light { &sink.links[..] } else { links_of(batches, path) };
-            let field = LightField { vertices, bsdfs: &bsdfs, grid, eta, links };
+            let bsdfs = if own_light { &sink.bsdfs } else { &bsdfs };
+            let field = LightField { vertices, bsdfs, grid, eta, links };
             let value = radiance(recipe, &camera_ray, &field, &mut sampler, &mut counters);
             counters.samples += 1;
             // Drop what is not a number, and say so.
@@ -180,9 +193,40 @@ impl Iteration<'_, '_> {
     }
 }
 
-/// The links of the batch that a light path is in.
-fn links_of(batches: &[Batch], path: u64) -> &[Link] {
-    batches.get((path / PATHS_PER_BATCH) as usize).map_or(&[], |b| &b.sink.links)
+/// [`Iteration::trace_batch`], compiled for each instruction set.
+struct BatchWork<'a, 's> {
+    iteration: &'a Iteration<'a, 's>,
+    range: Range<u64>,
+    out: &'a mut Batch,
+    eta: f64,
+    collect: Collect,
+}
+
+impl Task for BatchWork<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        self.iteration.trace_batch(self.range, self.eta, self.collect, self.out);
+    }
+}
+
+/// [`Iteration::render_tile`], compiled for each instruction set.
+struct TileWork<'a, 's> {
+    iteration: &'a Iteration<'a, 's>,
+    tile: FilmTile,
+    batches: &'a [Batch],
+    grid: Option<&'a Grid>,
+    eta: f64,
+}
+
+impl Task for TileWork<'_, '_> {
+    type Output = Done;
+
+    #[inline(always)]
+    fn run(self) -> Done {
+        self.iteration.render_tile(self.tile, self.batches, self.grid, self.eta)
+    }
 }
 
 /// The vertices of one light path.
@@ -191,4 +235,9 @@ fn vertices_of(batches: &[Batch], path: u64) -> &[LightVertex] {
     let i = (path % PATHS_PER_BATCH) as usize;
     let first = if i == 0 { 0 } else { batch.ends[i - 1] };
     &batch.sink.vertices[first as usize..batch.ends[i] as usize]
+}
+
+/// The links of the batch that a light path is in.
+fn links_of(batches: &[Batch], path: u64) -> &[Link] {
+    batches.get((path / PATHS_PER_BATCH) as usize).map_or(&[], |b| &b.sink.links)
 }

@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use super::Recipe;
 use super::camera_path::{CameraWalk, connection_sums, escape_densities, hit_densities, next_event_sums};
+use super::event::Event;
 use super::grid::MIN_NORMAL_COS;
 use super::light_path::{LightVertex, LightWalk, lens_sees, lens_sums};
 use super::step::CameraVertex;
@@ -307,14 +308,14 @@ impl Pilot<'_, '_> {
             return None;
         }
         let we = full.scene.camera.we(si.p, u)?;
-        let f = end.bsdf.eval(si.wo, we.wi, Mode::Importance, LobeMask::ALL);
-        if f.is_black() || !lens_sees(full, si, we.start) {
+        let event = Event::new(full, si, &end.bsdf, we.wi, Mode::Importance)?;
+        if !lens_sees(full, si, we.start) {
             return None;
         }
         let sums = self.each(|i, recipe| {
-            lens_sums(recipe, self.eta, &self.end_of(end, i), &end.bsdf, (we.wi, we.importance), None)
+            lens_sums(recipe, self.eta, &self.end_of(end, i), (we.wi, we.importance), event.pdf, None)
         });
-        let value = (end.vertex.beta * f).mean() * we.importance / full.light_paths as f32;
+        let value = (end.vertex.beta * event.f).mean() * we.importance / full.light_paths as f32;
         let mut cell = Cell::default();
         cell.splats = self.weigh(value, LIGHT_IMAGE, &sums, &mut cell);
         Some(Splat { raster: we.raster, cell })
@@ -420,15 +421,16 @@ impl Pilot<'_, '_> {
         let (u_light, u) = (sampler.next_1d(), sampler.next_2d());
         let Some((index, pmf)) = scene.selector.sample(u_light) else { return };
         let Some(li) = scene.lights[index].sample_li(&scene.light_context(), si.p, u) else { return };
-        let f = bsdf.eval(si.wo, li.wi, Mode::Radiance, LobeMask::ALL);
-        if f.is_black() || li.radiance.is_black() {
+        if li.radiance.is_black() {
             return;
         }
+        let Some(event) = Event::new(self.full(), si, bsdf, li.wi, Mode::Radiance) else { return };
         counts.light_samples += 1;
         if scene.unoccluded(si, &li) {
-            let sums =
-                self.each(|i, recipe| next_event_sums(recipe, &self.vertex(walks, si, bsdf, i), self.eta, index, &li));
-            let value = (walks[0].beta * f * li.radiance).mean() / (pmf * li.pdf_w);
+            let sums = self.each(|i, recipe| {
+                next_event_sums(recipe, &self.vertex(walks, si, bsdf, i), self.eta, (index, &li), event.pdf)
+            });
+            let value = (walks[0].beta * event.f * li.radiance).mean() / (pmf * li.pdf_w);
             self.weigh(value, 0, &sums, cell);
         }
     }
@@ -452,20 +454,17 @@ impl Pilot<'_, '_> {
             let d = light.p - si.p;
             let dist_sq = d.length_squared();
             let w = d / dist_sq.sqrt();
-            let f = bsdf.eval(si.wo, w, Mode::Radiance, LobeMask::ALL);
-            let g = end.bsdf.eval(light.wo, -w, Mode::Importance, LobeMask::ALL);
-            if f.is_black() || g.is_black() {
-                continue;
-            }
+            let Some(here) = Event::new(full, si, bsdf, w, Mode::Radiance) else { continue };
+            let Some(there) = Event::new(full, light, &end.bsdf, -w, Mode::Importance) else { continue };
             counts.connections += 1;
             if !full.scene.visible(si, (light.p, light.p_err, light.ng)) {
                 continue;
             }
             let sums = self.each(|i, recipe| {
                 let (v, z) = (self.vertex(walks, si, bsdf, i), self.end_of(end, i));
-                connection_sums(recipe, &v, &z, &end.bsdf, (w, dist_sq as f64), self.eta)
+                connection_sums(recipe, &v, &z, (here.pdf, there.pdf), (w, dist_sq as f64), self.eta)
             });
-            let value = (walks[0].beta * f * g * end.vertex.beta).mean() / dist_sq;
+            let value = (walks[0].beta * here.f * there.f * end.vertex.beta).mean() / dist_sq;
             self.weigh(value, CONNECTIONS, &sums, cell);
         }
     }

@@ -35,16 +35,22 @@ pub(super) fn cosine(si: &SurfaceInteraction, w: Vec3) -> f64 {
 }
 
 /// The bsdf as seen from `w`, where that may differ from what it is as seen from `si.wo`.
-#[inline]
+#[inline(always)]
 fn seen_from<R>(recipe: &Recipe, si: &SurfaceInteraction, bsdf: &Bsdf, w: Vec3, f: impl FnOnce(&Bsdf) -> R) -> R {
     if recipe.two_faced(si) && (si.ng.dot(si.wo) > 0.0) != (si.ng.dot(w) > 0.0) {
-        return f(&recipe.scene.bsdf(&SurfaceInteraction { wo: w, ..*si }));
+        return f(&other_side(recipe, si, w));
     }
     f(bsdf)
 }
 
+#[cold]
+#[inline(never)]
+pub(super) fn other_side(recipe: &Recipe, si: &SurfaceInteraction, w: Vec3) -> Bsdf {
+    recipe.scene.bsdf(&SurfaceInteraction { wo: w, ..*si })
+}
+
 /// Density per steradian of scattering from `from` to `to` at a vertex that was reached from `to`.
-#[inline]
+#[inline(always)]
 pub(super) fn pdf_back(recipe: &Recipe, si: &SurfaceInteraction, bsdf: &Bsdf, from: Vec3, to: Vec3) -> f64 {
     seen_from(recipe, si, bsdf, from, |b| b.pdf(from, to, Mode::Radiance, LobeMask::ALL)) as f64
 }
@@ -67,6 +73,7 @@ fn discrete_ratio(recipe: &Recipe, si: &SurfaceInteraction, bsdf: &Bsdf, s: &Bsd
 
 impl Recipe<'_> {
     /// Carries the partial sums over a scattering event; `merge` as for [`Mis::scatter`].
+    #[inline(always)]
     pub(super) fn scatter(
         &self,
         mis: &mut Mis,

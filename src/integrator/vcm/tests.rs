@@ -5,6 +5,7 @@ use std::path::Path as FilePath;
 
 use super::camera_path::{CameraWalk, connection_sums, escape_densities, hit_densities, next_event_sums};
 use super::correlation::{self, Link, Trails};
+use super::event::{Event, Pdf};
 use super::light_path::{LightVertex, LightWalk, lens_sums};
 use super::step::{CameraVertex, Scattered, pdf_back};
 use super::weights::{Mis, emitter_hit, merged_side, side, weight};
@@ -409,6 +410,10 @@ impl Trial<'_> {
         !self.recipe.scene.bsdf(&si).eval(wo, wi, mode, LobeMask::ALL).is_black()
     }
 
+    fn pdf(&self, si: &SurfaceInteraction, wi: Vec3, mode: Mode) -> Pdf {
+        Event::new(self.recipe, si, &self.recipe.scene.bsdf(si), wi, mode).expect("it scatters").pdf
+    }
+
     /// The path of light vertices `..s` and camera vertices `..t` (the camera counts), joined along `w` from light to
     /// camera. The vertices at the joint scatter by a density.
     fn join(&self, light: &Walked, s: usize, camera: &Walked, t: usize, w: Vec3) -> FullPath {
@@ -499,8 +504,8 @@ impl Trial<'_> {
                         recipe,
                         self.eta,
                         &self.light_vertex(l, s - 1),
-                        &scene.bsdf(&si),
                         (we.wi, we.importance),
+                        self.pdf(&si, we.wi, Mode::Importance),
                         recipe.settings.correlation_aware.then_some((&l.links[..], we.dist as f64)),
                     );
                     self.check(&path, Technique::Connect(s), weight(sums));
@@ -592,7 +597,9 @@ impl Trial<'_> {
             let end = Vertex { p: li.p, n: li.n, si: None, delta: false };
             let l = Walked { x: vec![end], dir: vec![], mis: vec![], light: index, links: vec![] };
             let path = self.join(&l, 1, c, t, -li.wi);
-            self.check(&path, Technique::Connect(1), weight(next_event_sums(recipe, &v, self.eta, index, &li)));
+            let pdf = self.pdf(si, li.wi, Mode::Radiance);
+            let sums = next_event_sums(recipe, &v, self.eta, (index, &li), pdf);
+            self.check(&path, Technique::Connect(1), weight(sums));
         }
         let Some(l) = light else { return };
         if recipe.settings.connect && !recipe.settings.connect_vertices {
@@ -608,7 +615,8 @@ impl Trial<'_> {
                 let path = self.join(l, s, c, t, -w);
                 let z = self.light_vertex(l, s - 1);
                 let between = (w, d.length_squared() as f64);
-                let sums = connection_sums(recipe, &v, &z, &scene.bsdf(&end), between, self.eta);
+                let pdfs = (self.pdf(si, w, Mode::Radiance), self.pdf(&end, -w, Mode::Importance));
+                let sums = connection_sums(recipe, &v, &z, pdfs, between, self.eta);
                 self.check(&path, Technique::Connect(s), weight(sums));
                 self.check_sums(&path, l, s);
                 if recipe.settings.correlation_aware {
