@@ -263,10 +263,7 @@ fn columns(photons: &[Photon], to: &mut Run) -> Extent {
             let mut extent = Extent::EMPTY;
             for (i, photon) in photons.iter().enumerate() {
                 let p = photon.position.map(ordered);
-                for a in 0..3 {
-                    extent.lo[a] = extent.lo[a].min(p[a]);
-                    extent.hi[a] = extent.hi[a].max(p[a]);
-                }
+                extent = extent.union(Extent { lo: p, hi: p });
                 [x[i], y[i], z[i]] = p;
                 power[i] = photon.power;
                 let ([d0, d1], [f0, f1]) = (photon.direction, photon.flags.0.to_ne_bytes());
@@ -402,8 +399,8 @@ impl Small {
         values[..n].copy_from_slice(keys);
         if keys.iter().all(|v| *v == values[0]) {
             // All on one plane, as on a wall.
-            for i in 0..n {
-                self.place(axis, i, i, values[i]);
+            for (i, &value) in keys.iter().enumerate() {
+                self.place(axis, i, i, value);
             }
             return;
         }
@@ -412,8 +409,8 @@ impl Small {
         if ranks[..n].iter().sum::<u32>() as usize != n * (n - 1) / 2 {
             ranks = ranks_with_ties(&values);
         }
-        for i in 0..n {
-            self.place(axis, ranks[i] as usize % BLOCK, i, values[i]);
+        for (i, (&value, &rank)) in keys.iter().zip(&ranks).enumerate() {
+            self.place(axis, rank as usize % BLOCK, i, value);
         }
     }
 

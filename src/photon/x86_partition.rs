@@ -34,10 +34,10 @@ impl Box512 {
 
     #[inline(always)]
     unsafe fn extend(&mut self, lanes: u16, v: [__m512i; 3]) {
-        for a in 0..3 {
+        for ((lo, hi), v) in self.lo.iter_mut().zip(&mut self.hi).zip(v) {
             unsafe {
-                self.lo[a] = _mm512_mask_min_epi32(self.lo[a], lanes, self.lo[a], v[a]);
-                self.hi[a] = _mm512_mask_max_epi32(self.hi[a], lanes, self.hi[a], v[a]);
+                *lo = _mm512_mask_min_epi32(*lo, lanes, *lo, v);
+                *hi = _mm512_mask_max_epi32(*hi, lanes, *hi, v);
             }
         }
     }
