@@ -1,242 +1,438 @@
 //! Balancing: photons in emission order become a left-balanced heap.
 //!
-//! The median is found by rank, recursively, along the widest extent of the node's own points. Ranks compare
-//! `(coordinate, emission index)`, so that the tree does not depend on the number of threads, and a million photons at the
-//! same place are as good as any others.
+//! The median is found by rank, recursively, along the widest extent of the node's own points. Equal coordinates rank in
+//! emission order, so that the tree does not depend on the number of threads, and a million photons at the same place are as
+//! good as any others. Photons are columns of words; a node's columns lie in one run, and are divided from one array into
+//! another and back, in order, so that no photon need remember its index.
 
 use super::heap;
-use super::layout::BLOCK;
+use super::layout::{BLOCK, Layout};
 use super::packed::{Flags, Photon};
 use super::simd::{Level, Simd, Task};
-use crate::pages::Pages;
+use super::simd_partition::{Columns, ColumnsMut, Extent, Pivot, Sides, ordered, unordered, widest};
 use rayon::prelude::*;
 
-/// Subtrees of at least this many photons are balanced as two parallel halves.
+/// Nodes of at least this many photons are balanced as two parallel halves.
 const PARALLEL_FROM: usize = 1 << 14;
 
-/// Subtrees of fewer photons are balanced as sets of bits.
-const SMALL: usize = 64;
+/// Buckets under a node whose photons, twice, stay in a core's own cache.
+const CACHED: usize = 128;
 
-/// What the balancing moves: a position and the photon's place in emission order.
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C, align(16))]
-pub(crate) struct Key {
-    pub p: [f32; 3],
-    pub id: u32,
+/// Values of a node that bound the search for its median, and nodes from which on they are looked at.
+const SAMPLE: usize = 1024;
+const SAMPLED_FROM: usize = 4 * SAMPLE;
+
+/// The photons of one node: x, then y, then z, and the bytes that are only carried along.
+pub(crate) struct Run<'a> {
+    pub xyz: &'a mut [i32],
+    pub power: &'a mut [[u8; 4]],
+    pub rest: &'a mut [[u8; 4]],
 }
 
-impl Key {
-    /// Total order along an axis, ties by emission index, as one integer.
-    #[inline]
-    fn order<const AXIS: usize>(&self) -> u64 {
-        u64::from(ordered(self.p[AXIS])) << 32 | u64::from(self.id)
+impl<'a> Run<'a> {
+    fn new(words: &'a mut [i32]) -> Self {
+        let n = words.len() / 5;
+        let (xyz, rest) = words.split_at_mut(3 * n);
+        let (power, rest) = bytemuck::cast_slice_mut(rest).split_at_mut(n);
+        Self { xyz, power, rest }
+    }
+
+    fn len(&self) -> usize {
+        self.power.len()
+    }
+
+    fn columns(&self) -> Columns<'_> {
+        let n = self.len();
+        let (x, yz) = self.xyz.split_at(n);
+        let (y, z) = yz.split_at(n);
+        Columns { xyz: [x, y, z], power: self.power, rest: self.rest }
+    }
+
+    fn columns_mut(&mut self) -> ColumnsMut<'_> {
+        let n = self.len();
+        let (x, yz) = self.xyz.split_at_mut(n);
+        let (y, z) = yz.split_at_mut(n);
+        ColumnsMut { xyz: [x, y, z], power: self.power, rest: self.rest }
+    }
+
+    /// The room of the first photons, and that after them.
+    fn split(self, at: usize) -> (Run<'a>, Run<'a>) {
+        let (xyz, xyz1) = self.xyz.split_at_mut(3 * at);
+        let (power, power1) = self.power.split_at_mut(at);
+        let (rest, rest1) = self.rest.split_at_mut(at);
+        (Run { xyz, power, rest }, Run { xyz: xyz1, power: power1, rest: rest1 })
+    }
+
+    /// The rooms of the children of a node.
+    fn children(self) -> (Run<'a>, Run<'a>) {
+        let middle = heap::left_size(self.len());
+        let (left, right) = self.split(middle);
+        (left, right.split(1).1)
+    }
+
+    fn reborrow(&mut self) -> Run<'_> {
+        Run { xyz: self.xyz, power: self.power, rest: self.rest }
     }
 }
 
-/// A float's place in the total order of floats.
-#[inline]
-fn ordered(v: f32) -> u32 {
-    let bits = v.to_bits() as i32;
-    // Negative floats count backwards: flip all their bits, and only the sign of the others.
-    (bits ^ (bits >> 31 | i32::MIN)) as u32
-}
-
-/// What the balancing does not move.
-#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C, align(8))]
-pub(crate) struct Cold {
-    pub power: [u8; 4],
-    pub direction: [u8; 2],
-    pub flags: Flags,
-}
-
-/// Keys in the tree's left-to-right order and the split axis of each, and what stays in emission order.
-pub(crate) struct Balanced {
-    keys: Pages<Key>,
-    axes: Vec<u8>,
-    cold: Vec<Cold>,
-}
-
-impl Balanced {
-    /// Balances photons, and gives back their memory first.
-    pub fn new(photons: Vec<Photon>) -> Self {
-        let n = photons.len();
-        let mut keys = Pages::<Key>::zeroed(n);
-        keys.par_chunks_mut(PARALLEL_FROM).zip(photons.par_chunks(PARALLEL_FROM)).enumerate().for_each(
-            |(chunk, (keys, photons))| {
-                for (i, (key, photon)) in keys.iter_mut().zip(photons).enumerate() {
-                    *key = Key { p: photon.position, id: (chunk * PARALLEL_FROM + i) as u32 };
-                }
-            },
-        );
-        let cold = |p: &Photon| Cold { power: p.power, direction: p.direction, flags: p.flags };
-        let cold = photons.par_iter().with_min_len(PARALLEL_FROM).map(cold).collect();
-        drop(photons);
-        let mut axes = vec![0; n];
-        balance_range(Level::best(), &mut keys, &mut axes);
-        Self { keys, axes, cold }
+/// A photon of the columns, with its node's axis.
+fn photon(from: &Columns, i: usize, axis: usize) -> Photon {
+    let [d0, d1, f0, f1] = from.rest[i];
+    Photon {
+        position: from.xyz.map(|c| unordered(c[i])),
+        power: from.power[i],
+        direction: [d0, d1],
+        flags: Flags(u16::from_ne_bytes([f0, f1])).with_axis(axis as u16),
     }
+}
 
-    /// The photons at these places from left to right. One waits for memory while the others do.
-    pub fn gather(&self, places: &[usize], photons: &mut [Photon]) {
-        let mut colds = [Cold { power: [0; 4], direction: [0; 2], flags: Flags(0) }; BLOCK];
-        for (cold, &place) in colds.iter_mut().zip(places) {
-            *cold = self.cold[self.keys[place].id as usize];
+/// The places of a bucket's block that photons have, and the first of them.
+pub(crate) struct Block<'a> {
+    pub number: usize,
+    /// Its x, y and z, 32 or 64 of each.
+    pub positions: &'a mut [f32],
+    pub power: &'a mut [[u8; 4]],
+    /// Empty in a map that keeps none.
+    pub direction: &'a mut [[u8; 2]],
+    pub flags: &'a mut [Flags],
+}
+
+impl Block<'_> {
+    /// Puts a photon into a lane; there is none in lane 0 of block 0.
+    #[inline(always)]
+    pub fn put(&mut self, lane: usize, photon: &Photon) {
+        let lanes = self.positions.len() / 3;
+        for a in 0..3 {
+            self.positions[lane + a * lanes] = photon.position[a];
         }
-        for ((photon, cold), &place) in photons.iter_mut().zip(&colds).zip(places) {
-            let Cold { power, direction, flags } = *cold;
-            let flags = flags.with_axis(u16::from(self.axes[place]));
-            *photon = Photon { position: self.keys[place].p, power, direction, flags };
+        let i = lane - usize::from(self.number == 0);
+        (self.power[i], self.flags[i]) = (photon.power, photon.flags);
+        if let Some(direction) = self.direction.get_mut(i) {
+            *direction = photon.direction;
         }
     }
 }
 
-fn balance_range(level: Level, keys: &mut [Key], axes: &mut [u8]) {
-    let n = keys.len();
-    if n < SMALL {
-        if n > 1 {
-            level.run(Bottom { keys, axes });
+/// What became of a node.
+struct Divided {
+    left: Extent,
+    right: Extent,
+    median: Photon,
+}
+
+/// Divides a node into two halves and its median.
+struct Divide<'a, 'b> {
+    from: &'a Columns<'a>,
+    to: Run<'b>,
+    extent: Extent,
+}
+
+impl Task for Divide<'_, '_> {
+    type Output = Divided;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> Divided {
+        let Self { from, to, extent } = self;
+        let middle = heap::left_size(from.len());
+        let axis = extent.widest();
+        let keys = from.xyz[axis];
+        let bounds = (extent.lo[axis], extent.hi[axis]);
+        let at = median(simd, keys, middle, bounds, to.xyz);
+        let pivot = Pivot { axis, at, median: (middle - simd.count_less(keys, at)) as isize };
+        let (mut left, mut right) = to.children();
+        let Sides { left, right, median } =
+            simd.partition(from, pivot, &mut left.columns_mut(), &mut right.columns_mut());
+        let median = photon(from, median.expect("the median is in its node"), axis);
+        Divided { left, right, median }
+    }
+}
+
+/// The value of rank `rank`, counted from 0. `bounds` are the smallest and the largest value, `room` is overwritten.
+#[inline(always)]
+fn median<S: Simd>(simd: S, values: &[i32], rank: usize, bounds: (i32, i32), room: &mut [i32]) -> i32 {
+    let n = values.len();
+    if n >= SAMPLED_FROM {
+        // Look at a sample, then among the values that are near its own value of this rank.
+        let mut sample = [0; SAMPLE];
+        for (i, value) in sample.iter_mut().enumerate() {
+            *value = values[i * n / SAMPLE];
         }
+        let place = rank * SAMPLE / n;
+        // Three standard deviations of the place are 1.5·√SAMPLE at most.
+        let spread = 3 * SAMPLE.isqrt() / 2;
+        let lo = ranked(simd, &sample, place.saturating_sub(spread), bounds);
+        let hi = ranked(simd, &sample, (place + spread).min(SAMPLE - 1), bounds);
+        let (below, inside) = simd.collect(values, lo, hi, room);
+        if below <= rank && rank < below + inside {
+            return ranked(simd, &room[..inside], rank - below, (lo, hi));
+        }
+    }
+    ranked(simd, values, rank, bounds)
+}
+
+/// The value of rank `rank`: a search between bounds on which counting decides, by interpolation and by halving in turns.
+#[inline(always)]
+fn ranked<S: Simd>(simd: S, values: &[i32], rank: usize, bounds: (i32, i32)) -> i32 {
+    // At most `rank` values are below `lo`, more are below `hi`.
+    let (mut lo, mut hi) = (bounds.0, bounds.1 + 1);
+    let (mut below_lo, mut below_hi) = (0, values.len());
+    for step in 0.. {
+        if hi.abs_diff(lo) == 1 {
+            break;
+        }
+        let (a, b) = (unordered(lo), unordered(hi));
+        let share = (rank - below_lo) as f32 + 0.5;
+        let guess = if step % 3 < 2 {
+            ordered(a + (b - a) * (share / (below_hi - below_lo) as f32))
+        } else {
+            ((i64::from(lo) + i64::from(hi)) / 2) as i32
+        };
+        let t = guess.clamp(lo + 1, hi - 1);
+        let below = simd.count_less(values, t);
+        if below <= rank {
+            (lo, below_lo) = (t, below);
+            if below == rank {
+                return simd.smallest_from(values, t);
+            }
+        } else {
+            (hi, below_hi) = (t, below);
+            if below == rank + 1 {
+                return simd.largest_below(values, t);
+            }
+        }
+    }
+    lo
+}
+
+struct ExtentOf<'a>(&'a Columns<'a>);
+impl Task for ExtentOf<'_> {
+    type Output = Extent;
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> Extent {
+        simd.extent(self.0)
+    }
+}
+
+/// The upper levels: nodes of `buckets` buckets until they are of `down_to`. `to` has the result of the last level if the
+/// number of levels is odd, else `from`.
+fn upper(level: Level, from: Run, mut to: Run, extent: Extent, uppers: &mut [Photon], down_to: usize) {
+    let buckets = uppers.len() + 1;
+    if buckets <= down_to {
         return;
     }
-    // Put the photon of the root's rank in its place, smaller ones to its left.
-    let axis = widest_axis(keys);
-    let middle = heap::left_size(n);
-    match axis {
-        0 => keys.select_nth_unstable_by_key(middle, Key::order::<0>),
-        1 => keys.select_nth_unstable_by_key(middle, Key::order::<1>),
-        _ => keys.select_nth_unstable_by_key(middle, Key::order::<2>),
-    };
-    axes[middle] = axis as u8;
-
-    // Balance both sides.
-    let (left, right) = keys.split_at_mut(middle);
-    let (left_axes, right_axes) = axes.split_at_mut(middle);
-    let (right, right_axes) = (&mut right[1..], &mut right_axes[1..]);
+    let n = from.len();
+    let Divided { left, right, median } = level.run(Divide { from: &from.columns(), to: to.reborrow(), extent });
+    let (left_uppers, right_uppers) = uppers.split_at_mut(buckets / 2 - 1);
+    let (top, right_uppers) = right_uppers.split_first_mut().expect("a node above buckets");
+    *top = median;
+    let ((l, r), (lt, rt)) = (to.children(), from.children());
+    let go_left = || upper(level, l, lt, left, left_uppers, down_to);
+    let go_right = || upper(level, r, rt, right, right_uppers, down_to);
     if n >= PARALLEL_FROM {
-        rayon::join(|| balance_range(level, left, left_axes), || balance_range(level, right, right_axes));
+        rayon::join(go_left, go_right);
     } else {
-        balance_range(level, left, left_axes);
-        balance_range(level, right, right_axes);
+        go_left();
+        go_right();
     }
 }
 
-/// The axis of the widest extent; the first of equal ones.
-fn widest_axis(keys: &[Key]) -> usize {
-    // Four lanes, the index among them, make one vector of a key.
-    let (mut lo, mut hi) = ([f32::INFINITY; 4], [f32::NEG_INFINITY; 4]);
-    for key in keys {
-        let v = [key.p[0], key.p[1], key.p[2], 0.0];
-        for a in 0..4 {
-            lo[a] = if v[a] < lo[a] { v[a] } else { lo[a] };
-            hi[a] = if v[a] > hi[a] { v[a] } else { hi[a] };
+/// The levels below, down to the blocks.
+fn lower(level: Level, from: Run, mut to: Run, extent: Extent, uppers: &mut [Photon], blocks: &mut [Block]) {
+    if let [block] = blocks {
+        level.run(Bucket { from: from.columns(), block });
+        return;
+    }
+    let Divided { left, right, median } = level.run(Divide { from: &from.columns(), to: to.reborrow(), extent });
+    let half = blocks.len() / 2;
+    let (left_uppers, right_uppers) = uppers.split_at_mut(half - 1);
+    let (left_blocks, right_blocks) = blocks.split_at_mut(half);
+    right_uppers[0] = median;
+    let ((l, r), (lt, rt)) = (to.children(), from.children());
+    lower(level, l, lt, left, left_uppers, left_blocks);
+    lower(level, r, rt, right, &mut right_uppers[1..], right_blocks);
+}
+
+/// Photons as columns.
+fn columns(photons: &[Photon], to: &mut Run) -> Extent {
+    const CHUNK: usize = 1 << 14;
+    let ColumnsMut { xyz: [x, y, z], power, rest } = to.columns_mut();
+    (photons.par_chunks(CHUNK))
+        .zip(x.par_chunks_mut(CHUNK).zip(y.par_chunks_mut(CHUNK)).zip(z.par_chunks_mut(CHUNK)))
+        .zip(power.par_chunks_mut(CHUNK).zip(rest.par_chunks_mut(CHUNK)))
+        .map(|((photons, ((x, y), z)), (power, rest))| {
+            let mut extent = Extent::EMPTY;
+            for (i, photon) in photons.iter().enumerate() {
+                let p = photon.position.map(ordered);
+                extent = extent.union(Extent { lo: p, hi: p });
+                [x[i], y[i], z[i]] = p;
+                power[i] = photon.power;
+                let ([d0, d1], [f0, f1]) = (photon.direction, photon.flags.0.to_ne_bytes());
+                rest[i] = [d0, d1, f0, f1];
+            }
+            extent
+        })
+        .reduce(|| Extent::EMPTY, Extent::union)
+}
+
+/// The sizes of the nodes so many levels below one of n photons.
+fn sizes(n: usize, levels: u32, out: &mut Vec<usize>) {
+    if levels == 0 {
+        out.push(n);
+        return;
+    }
+    let left = heap::left_size(n);
+    sizes(left, levels - 1, out);
+    sizes(n - 1 - left, levels - 1, out);
+}
+
+/// Balances photons in two steps, between which their memory changes its use.
+pub(crate) struct Balance {
+    level: Level,
+    photons: Vec<Photon>,
+    layout: Layout,
+    levels: u32,
+    /// The photons of the nodes above the buckets, from left to right, and one more.
+    uppers: Vec<Photon>,
+    pub extent: Extent,
+}
+
+impl Balance {
+    /// The upper levels. `xyz` and `power` are room for so many photons; what they hold afterwards means nothing.
+    pub fn upper(
+        level: Level,
+        mut photons: Vec<Photon>,
+        layout: Layout,
+        xyz: &mut [i32],
+        power: &mut [[u8; 4]],
+    ) -> Self {
+        let n = photons.len();
+        // An odd number of levels, so that the last one brings the photons back into their own memory.
+        let levels = (layout.buckets / CACHED).max(1).ilog2();
+        let levels = if levels == 0 { 0 } else { levels | 1 };
+        let down_to = layout.buckets >> levels;
+        let mut uppers = vec![Photon::default(); layout.buckets];
+        let mut rest = bytemuck::zeroed_vec(n);
+        let mut from = Run { xyz: &mut xyz[..3 * n], power, rest: &mut rest };
+        let extent = columns(&photons, &mut from);
+        let to = Run::new(bytemuck::cast_slice_mut(&mut photons));
+        if levels == 0 {
+            to.xyz.copy_from_slice(from.xyz);
+            to.power.copy_from_slice(from.power);
+            to.rest.copy_from_slice(from.rest);
         }
+        upper(level, from, to, extent, &mut uppers[..layout.buckets - 1], down_to);
+        Self { level, photons, layout, levels, uppers, extent }
     }
-    widest(std::array::from_fn(|a| hi[a] - lo[a]))
+
+    /// The other levels, into the blocks in the order of buckets; returns the photons of the upper nodes from left to right.
+    pub fn lower(mut self, blocks: &mut [Block]) -> Vec<Photon> {
+        let level = self.level;
+        let buckets = self.layout.buckets >> self.levels;
+        let mut all = Vec::new();
+        sizes(self.photons.len(), self.levels, &mut all);
+        let mut nodes = Vec::with_capacity(all.len());
+        let mut rest = Run::new(bytemuck::cast_slice_mut(&mut self.photons));
+        for n in all {
+            let (node, after) = rest.split(n);
+            nodes.push(node);
+            let gap = after.len().min(1);
+            rest = after.split(gap).1;
+        }
+        (nodes.into_par_iter())
+            .zip(blocks.par_chunks_mut(buckets))
+            .zip(self.uppers.par_chunks_mut(buckets))
+            .for_each_init(Vec::new, |room, ((node, blocks), uppers)| {
+                room.resize(5 * node.len(), 0i32);
+                let extent = level.run(ExtentOf(&node.columns()));
+                lower(level, node, Run::new(room), extent, &mut uppers[..buckets - 1], blocks);
+            });
+        self.uppers
+    }
 }
 
-fn widest(extent: [f32; 3]) -> usize {
-    let xy = usize::from(extent[1] > extent[0]);
-    if extent[2] > extent[xy] { 2 } else { xy }
+/// The bottom of the tree. The photons are sorted along every axis once; a node is then a set of bits in each of the three
+/// orders, its extents are at the first and the last bit, and its lower half are its lowest bits.
+struct Bucket<'a, 'b> {
+    from: Columns<'a>,
+    block: &'a mut Block<'b>,
 }
 
-/// The last levels of the balancing. The photons are sorted along every axis once; a node is then a set of bits in each of
-/// the three orders, its extents are at the first and the last bit, and its lower half are its lowest bits.
 struct Small {
     /// Along each axis: the coordinates in order, which photon has which rank, and which rank has which photon.
-    sorted: [[f32; SMALL]; 3],
-    label: [[u8; SMALL]; 3],
-    rank: [[u8; SMALL]; 3],
-    /// The result, from left to right.
-    order: [u8; SMALL],
-    axes: [u8; SMALL],
+    sorted: [[f32; BLOCK]; 3],
+    label: [[u8; BLOCK]; 3],
+    rank: [[u8; BLOCK]; 3],
+    /// The result in the heap's order, from 1 on.
+    order: [u8; BLOCK],
+    axes: [u8; BLOCK],
 }
 
-/// The bottom of the tree under a few photons, at least two.
-struct Bottom<'a> {
-    keys: &'a mut [Key],
-    axes: &'a mut [u8],
-}
-
-impl Task for Bottom<'_> {
+impl Task for Bucket<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { keys, axes } = self;
-        let n = keys.len();
-        let none = [[0; SMALL]; 3];
+        let Self { from, block } = self;
+        let n = from.len();
+        let none = [[0; BLOCK]; 3];
         let mut small =
-            Small { sorted: [[0.0; SMALL]; 3], label: none, rank: none, order: [0; SMALL], axes: [0; SMALL] };
-        small.sort::<0>(keys);
-        small.sort::<1>(keys);
-        small.sort::<2>(keys);
-        small.node([(1 << n) - 1; 3], 0);
-
-        let mut copy = [Key { p: [0.0; 3], id: 0 }; SMALL];
-        copy[..n].copy_from_slice(keys);
-        for (key, &label) in keys.iter_mut().zip(&small.order) {
-            *key = copy[label as usize % SMALL];
+            Small { sorted: [[0.0; BLOCK]; 3], label: none, rank: none, order: [0; BLOCK], axes: [0; BLOCK] };
+        for a in 0..3 {
+            small.sort(a, from.xyz[a]);
         }
-        axes.copy_from_slice(&small.axes[..n]);
+        if n > 0 {
+            small.node([(1 << n) - 1; 3], 1);
+        }
+        block.positions.fill(f32::INFINITY);
+        for lane in 1..=n {
+            block.put(lane, &photon(&from, small.order[lane] as usize, small.axes[lane] as usize));
+        }
     }
 }
 
 impl Small {
-    /// Sorts along one axis, ties by emission index.
+    /// Sorts along one axis, ties in emission order.
     #[inline(always)]
-    fn sort<const AXIS: usize>(&mut self, keys: &[Key]) {
-        let mut values = [u32::MAX; SMALL];
-        for (value, key) in values.iter_mut().zip(keys) {
-            *value = ordered(key.p[AXIS]);
-        }
-        if values[..keys.len()].iter().all(|v| *v == values[0]) {
-            // All on one plane, as on a wall: by emission index alone.
-            for (value, key) in values.iter_mut().zip(keys) {
-                *value = key.id;
+    fn sort(&mut self, axis: usize, keys: &[i32]) {
+        let n = keys.len();
+        let mut values = [i32::MAX; BLOCK];
+        values[..n].copy_from_slice(keys);
+        if keys.iter().all(|v| *v == values[0]) {
+            // All on one plane, as on a wall.
+            for (i, &value) in keys.iter().enumerate() {
+                self.place(axis, i, i, value);
             }
+            return;
         }
-        let ranks = ranks(&values);
-        let taken = ranks[..keys.len()].iter().fold(0u64, |set, r| set | 1 << (r % 64));
-        if taken.count_ones() as usize == keys.len() {
-            for (label, (&rank, key)) in ranks.iter().zip(keys).enumerate() {
-                self.place::<AXIS>(rank as usize % SMALL, label, key);
-            }
-        } else {
-            self.sort_with_ties::<AXIS>(keys);
+        let mut ranks = ranks(&values);
+        // Ties lower the sum.
+        if ranks[..n].iter().sum::<u32>() as usize != n * (n - 1) / 2 {
+            ranks = ranks_with_ties(&values);
         }
-    }
-
-    /// [`Small::sort`] where coordinates repeat.
-    #[inline(never)]
-    fn sort_with_ties<const AXIS: usize>(&mut self, keys: &[Key]) {
-        let mut labels: [u8; SMALL] = std::array::from_fn(|i| i as u8);
-        let labels = &mut labels[..keys.len()];
-        labels.sort_unstable_by_key(|&label| keys[label as usize].order::<AXIS>());
-        for (rank, &label) in labels.iter().enumerate() {
-            self.place::<AXIS>(rank, label as usize, &keys[label as usize]);
+        for (i, (&value, &rank)) in keys.iter().zip(&ranks).enumerate() {
+            self.place(axis, rank as usize % BLOCK, i, value);
         }
     }
 
     /// The photon `label` has this rank along the axis.
     #[inline(always)]
-    fn place<const AXIS: usize>(&mut self, rank: usize, label: usize, key: &Key) {
-        self.sorted[AXIS][rank] = key.p[AXIS];
-        self.label[AXIS][rank] = label as u8;
-        self.rank[AXIS][label] = rank as u8;
+    fn place(&mut self, axis: usize, rank: usize, label: usize, value: i32) {
+        self.sorted[axis][rank] = unordered(value);
+        self.label[axis][rank] = label as u8;
+        self.rank[axis][label] = rank as u8;
     }
 
-    /// Balances the photons whose ranks along the axes are the bits of `sets`, at least one, from the place `first` on.
-    fn node(&mut self, sets: [u64; 3], first: usize) {
+    /// Balances the photons whose ranks along the axes are the bits of `sets`, at least one, as the subtree of a node.
+    fn node(&mut self, sets: [u64; 3], slot: usize) {
         let n = sets[0].count_ones() as usize;
         if n == 1 {
-            self.order[first] = self.label[0][sets[0].trailing_zeros() as usize % SMALL];
+            self.order[slot % BLOCK] = self.label[0][sets[0].trailing_zeros() as usize % BLOCK];
             return;
         }
         // The axis of the widest extent.
         let axis = widest(std::array::from_fn(|a| {
             let (lo, hi) = (sets[a].trailing_zeros(), 63 - sets[a].leading_zeros());
-            self.sorted[a][hi as usize % SMALL] - self.sorted[a][lo as usize % SMALL]
+            self.sorted[a][hi as usize % BLOCK] - self.sorted[a][lo as usize % BLOCK]
         }));
         let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
 
@@ -245,7 +441,7 @@ impl Small {
         let mut rest = sets[axis];
         let mut left = [0; 3];
         for _ in 0..middle {
-            let label = self.label[axis][rest.trailing_zeros() as usize % SMALL] as usize % SMALL;
+            let label = self.label[axis][rest.trailing_zeros() as usize % BLOCK] as usize % BLOCK;
             left[b] |= 1 << (self.rank[b][label] % 64);
             left[c] |= 1 << (self.rank[c][label] % 64);
             rest &= rest - 1;
@@ -253,24 +449,36 @@ impl Small {
         left[axis] = sets[axis] ^ rest;
 
         // Place the median, and balance what is left on both sides of it.
-        let label = self.label[axis][rest.trailing_zeros() as usize % SMALL];
-        self.order[first + middle] = label;
-        self.axes[first + middle] = axis as u8;
-        let right = std::array::from_fn(|a| sets[a] & !left[a] & !(1 << (self.rank[a][label as usize % SMALL] % 64)));
-        self.node(left, first);
+        let label = self.label[axis][rest.trailing_zeros() as usize % BLOCK];
+        self.order[slot % BLOCK] = label;
+        self.axes[slot % BLOCK] = axis as u8;
+        let right = std::array::from_fn(|a| sets[a] & !left[a] & !(1 << (self.rank[a][label as usize % BLOCK] % 64)));
+        self.node(left, 2 * slot);
         if n > 2 {
-            self.node(right, first + middle + 1);
+            self.node(right, 2 * slot + 1);
         }
     }
 }
 
 /// How many values are less than each. Every pair is compared: with vectors that is a fraction of a sort's time.
 #[inline(always)]
-fn ranks(values: &[u32; SMALL]) -> [u32; SMALL] {
-    let mut ranks = [0; SMALL];
+fn ranks(values: &[i32; BLOCK]) -> [u32; BLOCK] {
+    let mut ranks = [0; BLOCK];
     for v in values {
         for (rank, w) in ranks.iter_mut().zip(values) {
             *rank += u32::from(v < w);
+        }
+    }
+    ranks
+}
+
+/// [`ranks`] where equal values rank in their order.
+#[inline(always)]
+fn ranks_with_ties(values: &[i32; BLOCK]) -> [u32; BLOCK] {
+    let mut ranks = [0; BLOCK];
+    for (i, v) in values.iter().enumerate() {
+        for (j, (rank, w)) in ranks.iter_mut().zip(values).enumerate() {
+            *rank += u32::from((v < w) | ((v == w) & (i < j)));
         }
     }
     ranks

@@ -67,7 +67,7 @@ impl Layout {
     }
 
     /// The inverse of [`Layout::block_of_bucket`].
-    fn bucket_of_block(&self, block: usize) -> usize {
+    pub fn bucket_of_block(&self, block: usize) -> usize {
         if block < self.full || !self.cut {
             block
         } else if block + 1 == self.buckets {

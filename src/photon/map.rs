@@ -1,11 +1,14 @@
 //! The balanced photon map.
 
-use super::build::Balanced;
-use super::layout::{BLOCK, Layout};
+use super::build::{Balance, Block};
+use super::layout::Layout;
 use super::packed::{Flags, Photon, storable};
+use super::simd::Level;
+use super::simd_partition::{Extent, unordered};
 use super::{direction, heap};
 use crate::color::{Rgb, rgbe};
 use crate::math::{Bounds3, Vec3};
+use crate::pages::Pages;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -15,12 +18,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 struct Line([f32; 16]);
 
 /// The coordinates of every block: its x, then its y, then its z, on whole cache lines; infinite where no photon is.
-#[derive(Clone)]
-pub(crate) struct Positions(Vec<Line>);
+///
+/// On large pages: a query that does not follow the one before visits them at random.
+pub(crate) struct Positions(Pages<Line>);
 
 impl Positions {
     fn new(layout: &Layout) -> Self {
-        Self(bytemuck::zeroed_vec(3 * layout.places() / 16))
+        Self(Pages::zeroed(3 * layout.places() / 16))
     }
 
     #[inline(always)]
@@ -33,11 +37,28 @@ impl Positions {
     }
 }
 
+impl Clone for Positions {
+    fn clone(&self) -> Self {
+        let mut lines = Pages::zeroed(self.0.len());
+        lines.copy_from_slice(&self.0);
+        Self(lines)
+    }
+}
+
 /// The plane of an upper node, copied out of the streams so that the walk down touches one place.
 #[derive(Clone, Copy)]
 pub(crate) struct Split {
     pub at: f32,
     pub axis: u32,
+}
+
+impl Split {
+    const NONE: Self = Self { at: 0.0, axis: 0 };
+
+    fn of(photon: &Photon) -> Self {
+        let axis = photon.flags.axis();
+        Self { at: photon.position[axis], axis: axis as u32 }
+    }
 }
 
 /// Photons in a left-balanced heap [Jensen 2001, section 6.1], their twenty bytes kept as separate streams.
@@ -74,88 +95,79 @@ impl PhotonMap {
 
     /// As [`PhotonMap::build`] for a map that is read only where light from all directions scatters alike: with
     /// `directions` false it keeps none, which saves two bytes a photon.
-    pub fn build_with(mut photons: Vec<Photon>, directions: bool) -> Self {
+    pub fn build_with(photons: Vec<Photon>, directions: bool) -> Self {
+        Self::build_on(Level::best(), photons, directions)
+    }
+
+    /// As [`PhotonMap::build_with`], by an instruction set's loops.
+    pub(crate) fn build_on(level: Level, mut photons: Vec<Photon>, directions: bool) -> Self {
         let given = photons.len();
         let good = |p: &Photon| storable(Vec3::from_array(p.position));
         if !photons.par_iter().with_min_len(1 << 14).all(good) {
             photons.retain(good);
         }
-        let rejected = (given - photons.len()) as u64;
-        let n = photons.len();
-        let balanced = Balanced::new(photons);
-        let mut map = Self::lay_out(n, directions, |slots, photons| {
-            let mut ranks = [0; BLOCK];
-            for (rank, &slot) in ranks.iter_mut().zip(slots) {
-                *rank = heap::rank(slot, n);
+        let mut map = Self::empty(photons.len(), directions);
+        map.rejected = (given - photons.len()) as u64;
+
+        // The map's arrays are room for the upper levels before they hold what they are for.
+        let layout = map.layout;
+        let xyz = bytemuck::cast_slice_mut(map.positions.as_mut_slice());
+        let balance = Balance::upper(level, photons, layout, xyz, &mut map.power);
+        let extent = balance.extent;
+        if extent != Extent::EMPTY {
+            let corner = |v: [i32; 3]| Vec3::from_array(v.map(unordered));
+            map.bounds = Bounds3::new(corner(extent.lo), corner(extent.hi));
+        }
+        let mut blocks = map.blocks();
+        let last = blocks.pop().expect("a block");
+        blocks.insert(layout.bucket_of_block(layout.buckets - 1), last);
+        let uppers = balance.lower(&mut blocks);
+        let upper = |slot| &uppers[heap::rank(slot, layout.buckets - 1)];
+        blocks.par_iter_mut().with_min_len(1 << 10).for_each(|block| {
+            if block.number > 0 {
+                block.put(0, upper(block.number));
             }
-            balanced.gather(&ranks[..slots.len()], photons);
         });
-        map.rejected = rejected;
+        drop(blocks);
+        map.splits =
+            (0..layout.buckets).map(|slot| if slot == 0 { Split::NONE } else { Split::of(upper(slot)) }).collect();
         map
     }
 
-    /// A map of n photons; `fill` finds those of some slots, at most a block's.
-    fn lay_out(n: usize, directions: bool, fill: impl Fn(&[usize], &mut [Photon]) + Sync) -> Self {
+    /// A map of zeros.
+    fn empty(n: usize, directions: bool) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         assert!(u32::try_from(n).is_ok(), "a photon map holds at most 2^32 - 1 photons");
         let layout = Layout::new(n);
-        let mut positions = Positions::new(&layout);
-        let (mut power, mut flags) = (vec![[0; 4]; n], bytemuck::zeroed_vec(n));
-        let mut direction = vec![[0; 2]; if directions { n } else { 0 }];
-
-        // A block at a time: its positions are one run of 3·lanes floats, its cold bytes one run of places.
-        let mut blocks = Vec::with_capacity(layout.buckets);
-        let (mut p, mut c, mut d, mut f) =
-            (positions.as_mut_slice(), &mut power[..], &mut direction[..], &mut flags[..]);
-        for block in 0..layout.buckets {
-            let (start, lanes) = layout.block(block);
-            let used = lanes.min(n + 1 - start) - usize::from(block == 0);
-            let (p1, c1, d1, f1);
-            (p1, p) = p.split_at_mut(3 * lanes);
-            (c1, c) = c.split_at_mut(used);
-            (d1, d) = d.split_at_mut(used.min(d.len()));
-            (f1, f) = f.split_at_mut(used);
-            blocks.push((p1, c1, d1, f1));
+        Self {
+            layout,
+            positions: Positions::new(&layout),
+            power: bytemuck::zeroed_vec(n),
+            direction: bytemuck::zeroed_vec(if directions { n } else { 0 }),
+            flags: bytemuck::zeroed_vec(n),
+            splits: Vec::new(),
+            bounds: Bounds3::EMPTY,
+            rejected: 0,
+            identity: NEXT.fetch_add(1, Ordering::Relaxed),
         }
-        let bounds = (blocks.into_par_iter().with_min_len(64).enumerate())
-            .map(|(block, (p, c, d, f))| {
-                let lanes = p.len() / 3;
-                let mut bounds = Bounds3::EMPTY;
-                let (first, used) = (usize::from(block == 0), c.len());
-                let (mut slots, mut photons) = ([0; BLOCK], [Photon::default(); BLOCK]);
-                for (i, slot) in slots[..used].iter_mut().enumerate() {
-                    *slot = layout.slot(block, i + first);
-                }
-                fill(&slots[..used], &mut photons[..used]);
-                p.fill(f32::INFINITY);
-                for (i, ((c, f), photon)) in c.iter_mut().zip(f).zip(&photons).enumerate() {
-                    let lane = i + first;
-                    bounds = bounds.extend(Vec3::from_array(photon.position));
-                    [p[lane], p[lane + lanes], p[lane + 2 * lanes]] = photon.position;
-                    (*c, *f) = (photon.power, photon.flags);
-                    if let Some(d) = d.get_mut(i) {
-                        *d = photon.direction;
-                    }
-                }
-                bounds
-            })
-            .reduce(|| Bounds3::EMPTY, Bounds3::union);
-
-        let identity = NEXT.fetch_add(1, Ordering::Relaxed);
-        let mut map =
-            Self { layout, positions, power, direction, flags, splits: Vec::new(), bounds, rejected: 0, identity };
-        map.splits = (0..layout.buckets).map(|slot| map.split(slot)).collect();
-        map
     }
 
-    /// The plane of an upper slot.
-    fn split(&self, slot: usize) -> Split {
-        if slot == 0 {
-            return Split { at: 0.0, axis: 0 };
+    /// The blocks in their order.
+    fn blocks(&mut self) -> Vec<Block<'_>> {
+        let mut blocks = Vec::with_capacity(self.layout.buckets);
+        let (mut p, mut c, mut d, mut f) =
+            (self.positions.as_mut_slice(), &mut self.power[..], &mut self.direction[..], &mut self.flags[..]);
+        for number in 0..self.layout.buckets {
+            let (start, lanes) = self.layout.block(number);
+            let used = lanes.min(self.layout.n + 1 - start) - usize::from(number == 0);
+            let (positions, power, direction, flags);
+            (positions, p) = p.split_at_mut(3 * lanes);
+            (power, c) = c.split_at_mut(used);
+            (direction, d) = d.split_at_mut(used.min(d.len()));
+            (flags, f) = f.split_at_mut(used);
+            blocks.push(Block { number, positions, power, direction, flags });
         }
-        let index = self.index_of_slot(slot);
-        let axis = self.flags(index).axis();
-        Split { at: self.position(index)[axis], axis: axis as u32 }
+        blocks
     }
 
     /// A map from photons in the heap's order, as [`PhotonMap::heap_order`] gives them; `None` when they are not a
@@ -164,11 +176,19 @@ impl PhotonMap {
         if !photons.iter().all(|p| storable(Vec3::from_array(p.position)) && p.flags.axis() < 3) {
             return None;
         }
-        let map = Self::lay_out(photons.len(), true, |slots, out| {
-            for (photon, &slot) in out.iter_mut().zip(slots) {
-                *photon = photons[slot - 1];
+        let mut map = Self::empty(photons.len(), true);
+        let layout = map.layout;
+        map.blocks().into_par_iter().with_min_len(64).for_each(|mut block| {
+            block.positions.fill(f32::INFINITY);
+            let first = usize::from(block.number == 0);
+            for lane in first..first + block.power.len() {
+                block.put(lane, &photons[layout.slot(block.number, lane) - 1]);
             }
         });
+        map.bounds = Bounds3::from_points(photons.iter().map(|p| Vec3::from_array(p.position)));
+        map.splits = (0..layout.buckets)
+            .map(|slot| if slot == 0 { Split::NONE } else { Split::of(&photons[slot - 1]) })
+            .collect();
         map.is_heap().then_some(map)
     }
 
@@ -222,7 +242,7 @@ impl PhotonMap {
 
     /// Bytes held, at most 20.5 a photon for maps of more than a few hundred photons.
     pub fn memory(&self) -> usize {
-        self.positions.0.capacity() * size_of::<Line>()
+        size_of_val(self.positions.as_slice())
             + self.power.capacity() * 4
             + self.direction.capacity() * 2
             + self.flags.capacity() * 2

@@ -19,11 +19,14 @@ mod packed;
 mod ply;
 mod query;
 mod simd;
+mod simd_partition;
 pub mod stackfree;
 #[cfg(test)]
 mod tests;
 #[cfg(target_arch = "x86_64")]
 mod x86;
+#[cfg(target_arch = "x86_64")]
+mod x86_partition;
 
 pub use file::{MapFile, MapFileError, MapFileInfo};
 pub use kernel::{GAUSSIAN_ALPHA, GAUSSIAN_BETA, Hull, Kernel, convex_hull};

@@ -1,11 +1,12 @@
 //! The vector loops of the photon map.
 
 use super::found::Found;
+use super::simd_partition::Partition;
 #[cfg(target_arch = "x86_64")]
 use super::x86;
 
 /// The loops that have a form for every instruction set. All forms give the same bits: no fused multiply-add is used.
-pub(crate) trait Simd: Copy {
+pub(crate) trait Simd: Partition {
     /// Appends the photons of a block whose squared distance from `q` is below `r_sq`, without that of lane 0. `block` is
     /// its x, y and z, 32 or 64 of each; `first` is the index of lane 0.
     fn scan(self, block: &[f32], first: u32, q: [f32; 3], r_sq: f32, found: &mut Found);

@@ -298,3 +298,53 @@ fn a_map_without_directions_is_two_bytes_smaller_and_else_the_same() {
         assert_eq!(lean.direction(i), towards);
     }
 }
+
+/// The photons of every slot by sorting the whole node at every level.
+fn balance_by_sorting(points: &[Vec3], mut ids: Vec<usize>, slot: usize, heap: &mut [usize]) {
+    if ids.is_empty() {
+        return;
+    }
+    let extent = |a: usize| {
+        let (lo, hi) = ids
+            .iter()
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), &i| (lo.min(points[i][a]), hi.max(points[i][a])));
+        hi - lo
+    };
+    let axis = (1..3).fold(0, |best, a| if extent(a) > extent(best) { a } else { best });
+    ids.sort_by(|&i, &j| points[i][axis].total_cmp(&points[j][axis]).then(i.cmp(&j)));
+    let right = ids.split_off(super::heap::left_size(ids.len()) + 1);
+    heap[slot] = ids.pop().expect("a median");
+    balance_by_sorting(points, ids, 2 * slot, heap);
+    balance_by_sorting(points, right, 2 * slot + 1, heap);
+}
+
+#[test]
+fn every_instruction_set_builds_the_map_that_sorting_gives() {
+    // Sizes around a bucket's, of one step and of two; coordinates with and without ties, around zero, and both zeros.
+    let sets: [fn(u64) -> Vec3; 4] = [
+        |i| vector(i) - 0.5,
+        |i| (vector(i) * 8.0).floor() - 4.0,
+        |i| (vector(i) * Vec3::new(3.0, 2000.0, 1.0)).floor() * Vec3::new(0.1, -1e-5, 0.0),
+        |i| if i % 3 == 0 { vector(i) } else { Vec3::splat(0.25) },
+    ];
+    for n in [0, 1, 2, 62, 63, 64, 95, 96, 127, 128, 1000, 5000, 20_000, 33_333] {
+        for (set, point) in sets.iter().enumerate() {
+            let points: Vec<Vec3> = (0..n as u64).map(point).collect();
+            let mut heap = vec![0; n + 1];
+            balance_by_sorting(&points, (0..n).collect(), 1, &mut heap);
+            for level in Level::available() {
+                let photons = points.iter().enumerate().map(|(i, &p)| photon(p, i)).collect();
+                let map = PhotonMap::build_on(level, photons, true);
+                for (slot, &expected) in heap.iter().enumerate().skip(1) {
+                    let index = map.index_of_slot(slot);
+                    assert_eq!(id(&map, index), expected, "slot {slot} of {n}, set {set}, {level:?}");
+                    assert_eq!(
+                        map.position(index).to_array().map(f32::to_bits),
+                        points[expected].to_array().map(f32::to_bits)
+                    );
+                }
+                assert_eq!(map.bounds(), crate::math::Bounds3::from_points(points.iter().copied()));
+            }
+        }
+    }
+}

@@ -1,4 +1,4 @@
-//! The vector loops for AVX2 and AVX-512: the only `unsafe` code of the photon map.
+//! The vector loops of queries for AVX2 and AVX-512. `unsafe` code of the photon map stands here and in `x86_partition`.
 //!
 //! Two contracts make it sound. A value of [`Avx2`] or [`Avx512`] exists only on a machine that has the instructions. Loads
 //! stay within the slices they are given, whose lengths are checked; stores of a whole vector at the end of [`Found`] stay
