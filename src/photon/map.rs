@@ -8,40 +8,50 @@ use super::simd_partition::{Extent, unordered};
 use super::{direction, heap};
 use crate::color::{Rgb, rgbe};
 use crate::math::{Bounds3, Vec3};
-use crate::pages::Pages;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Sixteen coordinates on one cache line.
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-#[repr(C, align(64))]
-struct Line([f32; 16]);
+/// Bytes of a cache line.
+const LINE: usize = 64;
 
 /// The coordinates of every block: its x, then its y, then its z, on whole cache lines; infinite where no photon is.
 ///
-/// On large pages: a query that does not follow the one before visits them at random.
-pub(crate) struct Positions(Pages<Line>);
+/// Zeroed memory that asks for no alignment comes from the system as it is, and is not cleared again. On large pages the
+/// nodes of a heap, whose places are powers of two apart, would compete for the same sets of the cache.
+pub(crate) struct Positions {
+    floats: Vec<f32>,
+    /// The first on a line of its own.
+    first: usize,
+    len: usize,
+}
 
 impl Positions {
     fn new(layout: &Layout) -> Self {
-        Self(Pages::zeroed(3 * layout.places() / 16))
+        Self::zeroed(3 * layout.places())
+    }
+
+    fn zeroed(len: usize) -> Self {
+        let floats = vec![0.0; len + LINE / size_of::<f32>() - 1];
+        let first = floats.as_ptr().align_offset(LINE);
+        assert!(first + len <= floats.len(), "a line has sixteen floats");
+        Self { floats, first, len }
     }
 
     #[inline(always)]
     pub(crate) fn as_slice(&self) -> &[f32] {
-        bytemuck::cast_slice(&self.0)
+        &self.floats[self.first..][..self.len]
     }
 
     fn as_mut_slice(&mut self) -> &mut [f32] {
-        bytemuck::cast_slice_mut(&mut self.0)
+        &mut self.floats[self.first..][..self.len]
     }
 }
 
 impl Clone for Positions {
     fn clone(&self) -> Self {
-        let mut lines = Pages::zeroed(self.0.len());
-        lines.copy_from_slice(&self.0);
-        Self(lines)
+        let mut other = Self::zeroed(self.len);
+        other.as_mut_slice().copy_from_slice(self.as_slice());
+        other
     }
 }
 
