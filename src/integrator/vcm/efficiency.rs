@@ -61,7 +61,7 @@ pub struct TechniqueChoice {
 
 /// Decides which of the techniques that `settings` switch on are used, and switches off the others.
 ///
-/// Where surfaces and lights alone do not decide, a [`pilot`] of a few thousand samples estimates noise and cost without each
+/// Where surfaces and lights alone do not decide, a pilot of a few thousand samples estimates noise and cost without each
 /// set of techniques. A set is left out if error × cost falls by a tenth at least, in both halves of the pilot and with a
 /// standard error of the added noise against it. Nothing is left out that may be alone in finding some light. Cost is
 /// counted in rays and look-ups, so that the choice depends on the scene, the settings and the seed alone.
