@@ -24,12 +24,9 @@ REFERENCE = {
     "environment": "path,bdpt",
     "terrain": "path,bdpt",
     "window": "sppm",
-    "glossy": "path,bdpt",
     "matterhorn": "path,bdpt",
-    "fractal-box": "path,bdpt",
-    "background": "path,bdpt",
-    **dict.fromkeys(["cognac", "cube", "glass-sphere", "iced-water", "poolhouse", "sphereflake"], "vcm"),
-    **dict.fromkeys(["sun", "ceiling", "point"], "vcm"),
+    **dict.fromkeys(["cognac", "cube", "fractal-box", "glass-sphere", "glossy", "iced-water"], "vcm"),
+    **dict.fromkeys(["poolhouse", "sphereflake", "sun", "ceiling", "point", "background"], "vcm"),
 }
 FOLDERS = ["scenes", "scenes/gallery", "scenes/smallvcm"]
 GOAL = 1e-2
