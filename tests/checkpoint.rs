@@ -21,6 +21,20 @@ const SCENE: &str = r#"<scene version="3.0.0">
 
 const RENDER: &str = "render scene.xml -q --passes 60 --photons 2000 --threads 2";
 
+/// Starts the program and waits for a new checkpoint, or for its end, then a little longer, so that a kill falls anywhere in a
+/// pass or a write.
+fn until_a_checkpoint(f: &Folder, args: &str, longer: Duration) -> std::process::Child {
+    let written = || std::fs::metadata(f.path("c.ckpt")).and_then(|m| m.modified()).ok();
+    let before = written();
+    let mut child = f.command(args).spawn().expect("the program starts");
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while written() == before && child.try_wait().expect("a child").is_none() && Instant::now() < deadline {
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    std::thread::sleep(longer);
+    child
+}
+
 /// Kills the render again and again, at once after a checkpoint has appeared or at any time later, until it comes
 /// through: every checkpoint found is whole, and the picture has the bits of a run that nobody disturbed.
 #[test]
@@ -31,15 +45,7 @@ fn kill_9_loses_nothing_but_the_passes_since_the_last_checkpoint() {
     let mut args = format!("{RENDER} -o broken.pfm --checkpoint c.ckpt --every 0s");
     let mut passes = 0;
     for attempt in 0..200u64 {
-        let before = std::fs::metadata(f.path("c.ckpt")).and_then(|m| m.modified()).ok();
-        let mut child = f.command(&args).spawn().expect("the program starts");
-        // Wait for a new checkpoint, then a little longer, so that the kill falls anywhere in a pass or a write.
-        let deadline = Instant::now() + Duration::from_secs(60);
-        let changed = || std::fs::metadata(f.path("c.ckpt")).and_then(|m| m.modified()).ok() != before;
-        while !changed() && child.try_wait().expect("a child").is_none() && Instant::now() < deadline {
-            std::thread::sleep(Duration::from_micros(200));
-        }
-        std::thread::sleep(Duration::from_micros(attempt * 1733 % 20_000));
+        let mut child = until_a_checkpoint(&f, &args, Duration::from_micros(attempt * 1733 % 20_000));
         if child.try_wait().expect("a child").is_some() {
             break;
         }
@@ -69,14 +75,7 @@ fn layers_survive_kill_9_and_merge() {
     f.succeeds(&format!("{render} -o whole.exr"));
     let mut args = format!("{render} -o broken.exr --checkpoint c.ckpt --every 0s");
     for attempt in 0..6u64 {
-        let before = std::fs::metadata(f.path("c.ckpt")).and_then(|m| m.modified()).ok();
-        let mut child = f.command(&args).spawn().expect("the program starts");
-        let deadline = Instant::now() + Duration::from_secs(60);
-        let changed = || std::fs::metadata(f.path("c.ckpt")).and_then(|m| m.modified()).ok() != before;
-        while !changed() && child.try_wait().expect("a child").is_none() && Instant::now() < deadline {
-            std::thread::sleep(Duration::from_micros(200));
-        }
-        std::thread::sleep(Duration::from_micros(attempt * 1733 % 7000));
+        let mut child = until_a_checkpoint(&f, &args, Duration::from_micros(attempt * 1733 % 7000));
         let _ = child.kill();
         child.wait().expect("a child");
         caustica::render::Checkpoint::read(&f.path("c.ckpt")).expect("a whole checkpoint after a kill");
