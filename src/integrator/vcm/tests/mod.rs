@@ -1,7 +1,10 @@
 //! Weights against brute force: every technique's density of a full path, multiplied up vertex by vertex.
 
+mod scenes;
+
 use std::f64::consts::PI;
-use std::path::Path as FilePath;
+
+use scenes::{DISTANT, FINITE, load};
 
 use super::camera_path::{CameraWalk, connection_sums, escape_densities, hit_densities, next_event_sums};
 use super::correlation::{self, Link, Trails};
@@ -15,7 +18,7 @@ use crate::geometry::SurfaceInteraction;
 use crate::light::Light;
 use crate::math::{Vec2, Vec3};
 use crate::sample::{Key, Purpose, Sampler, Sequence};
-use crate::scene::{LoadOptions, Scene};
+use crate::scene::Scene;
 use crate::tally::Counters;
 
 /// Index of refraction of the glass in these scenes.
@@ -24,63 +27,6 @@ const GLASS: f64 = 1.5;
 /// Light and camera paths for each variant: about 6·10⁴ full paths in all, twice as many with `slow-tests`. Of 1.2·10⁶ one
 /// was 1.06e-5 off: walks carry directions in f32, and it passed eight glass surfaces.
 const TRIALS: u64 = if cfg!(feature = "slow-tests") { 2_000 } else { 1_000 };
-
-fn load(sensor: &str, lights: &str) -> Scene {
-    let shape = |kind: &str, place: &str, bsdf: &str| {
-        format!(r#"<shape type="{kind}"><transform name="to_world">{place}</transform>{bsdf}</shape>"#)
-    };
-    let diffuse = r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.9"/></bsdf></bsdf>"#;
-    let shapes = [
-        shape("rectangle", r#"<translate z="-1"/>"#, diffuse),
-        shape("rectangle", r#"<rotate x="1" angle="-90"/><translate y="-1"/>"#, r#"<bsdf type="plastic"/>"#),
-        shape("rectangle", r#"<rotate y="1" angle="90"/><translate x="-1"/>"#, diffuse),
-        shape(
-            "rectangle",
-            r#"<rotate y="1" angle="-90"/><translate x="1"/>"#,
-            r#"<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>"#,
-        ),
-        shape(
-            "rectangle",
-            r#"<scale value="0.5"/><translate x="-0.4" z="0.6"/>"#,
-            r#"<bsdf type="mask"><float name="opacity" value="0.5"/><bsdf type="twosided">
-               <bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf><bsdf type="plastic"/></bsdf></bsdf>"#,
-        ),
-        shape(
-            "sphere",
-            r#"<scale value="0.4"/><translate x="-0.4" y="-0.5"/>"#,
-            r#"<bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf>"#,
-        ),
-        shape(
-            "sphere",
-            r#"<scale value="0.3"/><translate x="0.4" y="-0.4"/>"#,
-            r#"<bsdf type="roughdielectric"><float name="alpha" value="0.3"/></bsdf>"#,
-        ),
-        shape(
-            "sphere",
-            r#"<scale value="0.3"/><translate x="0.3" y="0.4"/>"#,
-            r#"<bsdf type="blendbsdf"><float name="weight" value="0.5"/>
-          <bsdf type="dielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf>
-          <bsdf type="diffuse"/></bsdf>"#,
-        ),
-    ];
-    let text = format!(
-        r#"<scene version="3.0.0"><sensor type="{sensor}"><transform name="to_world">
-        <lookat origin="0, 0.2, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
-        <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film></sensor>
-        {}{lights}</scene>"#,
-        shapes.concat()
-    );
-    Scene::from_text(&text, FilePath::new("test.xml"), &LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"))
-}
-
-const FINITE: &str = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="90"/>
-    <translate y="0.99"/></transform><emitter type="area"><rgb name="radiance" value="6"/></emitter></shape>
-  <shape type="sphere"><point name="center" x="0.2" y="0.2" z="0.9"/><float name="radius" value="0.15"/>
-    <emitter type="area"><rgb name="radiance" value="6"/></emitter></shape>
-  <emitter type="point"><point name="position" x="-0.3" y="0.6" z="0.5"/><rgb name="intensity" value="1"/></emitter>"#;
-
-const DISTANT: &str = r#"<emitter type="constant"><rgb name="radiance" value="0.6"/></emitter>
-  <emitter type="directional"><vector name="direction" x="0.4" y="-1" z="-0.5"/><rgb name="irradiance" value="3"/></emitter>"#;
 
 /// A vertex of a full path.
 #[derive(Clone, Copy)]
