@@ -121,6 +121,9 @@ impl Doubt {
     }
 }
 
+/// All of the bias over what goes with half the area of the discs.
+pub(super) const EXTRAPOLATE: f32 = 1.0 / (1.0 - std::f32::consts::FRAC_1_SQRT_2);
+
 /// The estimated bias of the picture of one pass.
 pub(super) struct PassBias(Image);
 
@@ -132,10 +135,9 @@ impl PassBias {
 
     /// From a picture, the same without precomputed irradiance, and that with narrower estimates.
     pub fn of(picture: &Image, exact: &Image, narrow: &Image) -> Self {
-        let extrapolate = 1.0 / (1.0 - std::f32::consts::FRAC_1_SQRT_2);
         let mut bias = picture.clone();
         for ((b, e), n) in bias.pixels_mut().iter_mut().zip(exact.pixels()).zip(narrow.pixels()) {
-            *b = b.zip(*e, |b, e| b - e).zip(e.zip(*n, |e, n| e - n), |known, step| known + extrapolate * step);
+            *b = b.zip(*e, |b, e| b - e).zip(e.zip(*n, |e, n| e - n), |known, step| known + EXTRAPOLATE * step);
         }
         Self(bias)
     }

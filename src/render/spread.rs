@@ -42,6 +42,17 @@ impl Spread {
         self.sum.iter().map(|s| Rgb::from(s.map(|v| (v / weight) as f32))).collect()
     }
 
+    /// Squares of what the passes of equal weight have in common: products of two of them, which noise does not change on the
+    /// average; `None` with fewer than two.
+    pub fn squares_of_means(&self) -> Option<Vec<[f64; 3]>> {
+        let pairs = self.weight * self.weight - self.square_weight;
+        let pixel = |sum: &[f64; 3], square: &[f64; 3]| {
+            let scale = self.square_weight / self.weight;
+            [0, 1, 2].map(|c| (sum[c] * sum[c] - square[c] * scale) / pairs)
+        };
+        (self.passes > 1).then(|| self.sum.iter().zip(&self.square).map(|(sum, square)| pixel(sum, square)).collect())
+    }
+
     /// Variance of the weighted mean of the passes; `None` with fewer than two.
     pub fn variance_of_mean(&self) -> Option<Vec<Rgb>> {
         if self.passes < 2 {
@@ -76,6 +87,20 @@ mod tests {
         let expected = 10.0 / 3.0 / 4.0;
         let found = s.variance_of_mean().expect("four passes").pop().expect("one pixel");
         assert!((found.g as f64 - expected).abs() < 1e-6, "{found:?}");
+    }
+
+    /// Of two passes the product; of more the mean over all pairs.
+    #[test]
+    fn squares_of_means_are_products_of_pairs() {
+        let mut s = Spread::new(1);
+        for (passes, (value, expected)) in
+            [(0.5f32, None), (-1.5, Some(-0.75)), (2.0, Some(-2.75 / 3.0))].iter().enumerate()
+        {
+            s.add(&Image::constant(1, 1, Rgb::splat(*value)), 1);
+            let found = s.squares_of_means().map(|m| m[0][1]);
+            let near = found.zip(*expected).is_none_or(|(f, e): (f64, f64)| (f - e).abs() < 1e-9);
+            assert!(found.is_some() == expected.is_some() && near, "{} passes: {found:?}", passes + 1);
+        }
     }
 
     #[test]
