@@ -1,5 +1,7 @@
 //! Light vertices in a hash grid, for all merges of one radius.
 
+use rayon::prelude::*;
+
 use crate::bsdf::{LobeMask, Mode};
 use crate::color::Rgb;
 use crate::math::{INV_PI, Vec3};
@@ -36,9 +38,12 @@ pub(super) struct Grid {
     /// Positions and depths apart from the rest: most of what a query looks at it rejects.
     positions: Vec<(Vec3, u32)>,
     photons: Vec<Photon>,
-    /// Buckets of the photons, and where they come from, while they are sorted.
-    keys: Vec<u32>,
+    /// Batch of each photon, and its number there.
     order: Vec<(u32, u32)>,
+    /// The batches while they are sorted.
+    pieces: Vec<Piece>,
+    /// The number of buckets less one.
+    mask: u32,
     inv_cell: f32,
     radius_sq: f32,
     /// The links of all batches, and where those of each begin.
@@ -46,41 +51,134 @@ pub(super) struct Grid {
     first_links: Vec<usize>,
 }
 
-impl Grid {
-    /// Sorts photons for merges within `radius`, in place of those it held. The order within a bucket is that of `photons`.
-    pub fn fill<'a>(&mut self, batches: impl Iterator<Item = &'a [Photon]> + Clone, radius: f32) {
-        let count: usize = batches.clone().map(<[Photon]>::len).sum();
-        let buckets = count.next_power_of_two().max(1);
-        (self.inv_cell, self.radius_sq) = (0.5 / radius, radius * radius);
-        self.starts.clear();
-        self.starts.resize(buckets + 1, 0);
-        // Count, sum and place.
-        let mut keys = std::mem::take(&mut self.keys);
-        keys.clear();
-        keys.extend(batches.clone().flatten().map(|p| self.bucket((p.p * self.inv_cell).floor().as_ivec3())));
-        for &k in &keys {
-            self.starts[k as usize + 1] += 1;
+/// Ranges of buckets that photons are sorted in: two to this power at most.
+const RANGE_BITS: u32 = 8;
+
+/// The photons of a batch in order of the ranges that their buckets are in.
+#[derive(Debug, Default)]
+struct Piece {
+    /// Bucket, and number in the batch.
+    photons: Vec<(u32, u32)>,
+    /// Where each range ends.
+    ends: Vec<u32>,
+}
+
+impl Piece {
+    /// Takes the buckets of a batch; a range has two to the power of `bits` of them.
+    fn fill(&mut self, buckets: impl ExactSizeIterator<Item = u32> + Clone, bits: u32, ranges: usize) {
+        let mut next = [0; 1 << RANGE_BITS];
+        for bucket in buckets.clone() {
+            next[(bucket >> bits) as usize] += 1;
         }
-        for i in 0..buckets {
-            self.starts[i + 1] += self.starts[i];
+        let mut sum = 0;
+        for n in &mut next[..ranges] {
+            sum += std::mem::replace(n, sum);
         }
-        self.order.clear();
-        self.order.resize(count, (0, 0));
-        let places =
-            batches.clone().enumerate().flat_map(|(b, batch)| (0..batch.len()).map(move |i| (b as u32, i as u32)));
-        for (&k, place) in keys.iter().zip(places) {
-            self.order[self.starts[k as usize] as usize] = place;
-            self.starts[k as usize] += 1;
+        self.photons.resize(buckets.len(), (0, 0));
+        for (i, bucket) in buckets.enumerate() {
+            let place = &mut next[(bucket >> bits) as usize];
+            self.photons[*place as usize] = (bucket, i as u32);
+            *place += 1;
+        }
+        // Placing has moved each start to the range's end.
+        self.ends.clear();
+        self.ends.extend_from_slice(&next[..ranges]);
+    }
+
+    fn range(&self, range: usize) -> &[(u32, u32)] {
+        let first = if range == 0 { 0 } else { self.ends[range - 1] };
+        &self.photons[first as usize..self.ends[range] as usize]
+    }
+}
+
+/// A range of buckets with its place in each array of the grid.
+struct Part<'a> {
+    /// Photons before those of the range.
+    first: u32,
+    starts: &'a mut [u32],
+    order: &'a mut [(u32, u32)],
+    photons: &'a mut [Photon],
+    positions: &'a mut [(Vec3, u32)],
+}
+
+impl Part<'_> {
+    /// Brings together what all pieces have of a range: counts, sums and places.
+    fn fill(self, pieces: &[Piece], range: usize, batches: &[&[Photon]]) {
+        let Self { first, starts, order, photons, positions } = self;
+        let mask = starts.len() as u32 - 1;
+        starts.fill(0);
+        for &(bucket, _) in pieces.iter().flat_map(|p| p.range(range)) {
+            starts[(bucket & mask) as usize] += 1;
+        }
+        let mut sum = first;
+        for n in &mut *starts {
+            sum += std::mem::replace(n, sum);
+        }
+        for (batch, piece) in pieces.iter().enumerate() {
+            for &(bucket, i) in piece.range(range) {
+                let place = &mut starts[(bucket & mask) as usize];
+                order[(*place - first) as usize] = (batch as u32, i);
+                *place += 1;
+            }
         }
         // Placing has moved each start to the next one's place.
-        self.starts.copy_within(0..buckets, 1);
-        self.starts[0] = 0;
-        self.keys = keys;
-        let slices: Vec<&[Photon]> = batches.collect();
-        self.photons.clear();
-        self.photons.extend(self.order.iter().map(|&(b, i)| slices[b as usize][i as usize]));
-        self.positions.clear();
-        self.positions.extend(self.photons.iter().map(|p| (p.p, p.depth)));
+        let last = starts.len() - 1;
+        starts.copy_within(..last, 1);
+        starts[0] = first;
+        for ((&(batch, i), photon), position) in order.iter().zip(photons).zip(positions) {
+            *photon = batches[batch as usize][i as usize];
+            *position = (photon.p, photon.depth);
+        }
+    }
+}
+
+impl Grid {
+    /// Sorts photons for merges within `radius`, in place of those it held. The order within a bucket is that of `photons`.
+    ///
+    /// Each batch is first put in order of ranges of buckets, then each range is brought together from all batches: both on
+    /// all threads, and within what a cache holds.
+    pub fn fill(&mut self, batches: &[&[Photon]], radius: f32) {
+        let count: usize = batches.iter().map(|b| b.len()).sum();
+        let buckets = count.next_power_of_two().max(1);
+        (self.inv_cell, self.radius_sq) = (0.5 / radius, radius * radius);
+        self.mask = buckets as u32 - 1;
+        let bits = buckets.trailing_zeros().saturating_sub(RANGE_BITS);
+        let (size, ranges) = (1usize << bits, buckets >> bits);
+        let mut pieces = std::mem::take(&mut self.pieces);
+        pieces.resize_with(batches.len(), Piece::default);
+        pieces.par_iter_mut().zip(batches).for_each(|(piece, photons)| {
+            let buckets = photons.iter().map(|p| self.bucket((p.p * self.inv_cell).floor().as_ivec3()));
+            piece.fill(buckets, bits, ranges);
+        });
+        // What is there already is written over.
+        self.starts.resize(buckets + 1, 0);
+        self.starts[buckets] = count as u32;
+        self.order.resize(count, (0, 0));
+        if let Some(&photon) = batches.iter().find_map(|b| b.first()) {
+            self.photons.resize(count, photon);
+            self.positions.resize(count, (photon.p, photon.depth));
+        } else {
+            self.photons.clear();
+            self.positions.clear();
+        }
+        let (mut order, mut photons, mut positions) =
+            (&mut self.order[..], &mut self.photons[..], &mut self.positions[..]);
+        let mut first = 0;
+        let mut parts = Vec::with_capacity(ranges);
+        for (range, starts) in self.starts[..buckets].chunks_mut(size).enumerate() {
+            let n = pieces.iter().map(|p| p.range(range).len()).sum();
+            let part = Part {
+                first: first as u32,
+                starts,
+                order: order.split_off_mut(..n).expect("all pieces together are as long"),
+                photons: photons.split_off_mut(..n).expect("as long"),
+                positions: positions.split_off_mut(..n).expect("as long"),
+            };
+            parts.push((range, part));
+            first += n;
+        }
+        parts.into_par_iter().for_each(|(range, part)| part.fill(&pieces, range, batches));
+        self.pieces = pieces;
     }
 
     /// Keeps the links of all batches, for weights that are aware of correlation.
@@ -104,7 +202,7 @@ impl Grid {
             ^ (cell.z as u32).wrapping_mul(0xcb1a_b31f);
         // The product leaves the low bits poor.
         let h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d);
-        (h ^ (h >> 12)) & (self.starts.len() as u32 - 2)
+        (h ^ (h >> 12)) & self.mask
     }
 
     /// Calls `f` with the numbers of the photons within the radius around `p`.
@@ -195,5 +293,50 @@ impl Grid {
             }
         });
         sum * albedo * (INV_PI * 2.0 * INV_PI / self.radius_sq)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Key, Purpose, Sampler, Sequence};
+
+    /// Photons in order of their buckets, and in a bucket of batches and numbers, for grids of one range and of many, empty
+    /// batches, and a grid that was larger before.
+    #[test]
+    fn photons_are_sorted_by_bucket_and_number() {
+        let mut grid = Grid::default();
+        for (seed, sizes) in [(1u64, &[3000, 0, 5000, 1][..]), (2, &[40, 7]), (3, &[]), (4, &[0, 0]), (5, &[1, 1000])] {
+            let mut sampler = Sampler::new(Sequence::default(), Key::new(seed, Purpose::LightPath, 0), 0);
+            let mut photon = |i| Photon {
+                p: Vec3::new(sampler.next_1d(), sampler.next_1d(), sampler.next_1d()),
+                depth: i as u32,
+                wi: Vec3::Z,
+                ng: Vec3::Z,
+                beta: Rgb::WHITE,
+                mis: Mis::default(),
+                links: 0,
+            };
+            let batches: Vec<Vec<Photon>> = sizes.iter().map(|&n| (0..n).map(&mut photon).collect()).collect();
+            let slices: Vec<&[Photon]> = batches.iter().map(|b| &b[..]).collect();
+            grid.fill(&slices, 0.05);
+            let mut expected: Vec<(u32, u32, u32)> = Vec::new();
+            for (b, batch) in batches.iter().enumerate() {
+                let bucket = |p: &Photon| grid.bucket((p.p * grid.inv_cell).floor().as_ivec3());
+                expected.extend(batch.iter().enumerate().map(|(i, p)| (bucket(p), b as u32, i as u32)));
+            }
+            expected.sort_unstable();
+            assert_eq!(grid.order, expected.iter().map(|&(_, b, i)| (b, i)).collect::<Vec<_>>());
+            for (bucket, ends) in grid.starts.windows(2).enumerate() {
+                let inside = &expected[ends[0] as usize..ends[1] as usize];
+                assert!(inside.iter().all(|e| e.0 as usize == bucket));
+            }
+            assert_eq!(*grid.starts.last().unwrap() as usize, expected.len());
+            assert_eq!((grid.photons.len(), grid.positions.len()), (expected.len(), expected.len()));
+            for ((&(_, b, i), photon), position) in expected.iter().zip(&grid.photons).zip(&grid.positions) {
+                let from = &batches[b as usize][i as usize];
+                assert_eq!((photon.p, photon.depth, *position), (from.p, from.depth, (from.p, from.depth)));
+            }
+        }
     }
 }

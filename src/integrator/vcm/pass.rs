@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::camera_path::{LightField, radiance};
 use super::correlation::Link;
-use super::grid::Grid;
+use super::grid::{Grid, Photon};
 use super::light_path::{Collect, LightSink, LightVertex, trace};
 use super::{Merging, Recipe, VcmSettings};
 use crate::accel::{self, Task};
@@ -90,7 +90,8 @@ impl Iteration<'_, '_> {
                 film.merge_splats(&batch.sink.splats);
                 counters += batch.sink.counters;
             }
-            grid.fill(batches.iter().map(|b| &b.sink.photons[..]), radius as f32);
+            let photons: Vec<&[Photon]> = batches.iter().map(|b| &b.sink.photons[..]).collect();
+            grid.fill(&photons, radius as f32);
             if recipe.settings.correlation_aware {
                 grid.keep_links(batches.iter().map(|b| &b.sink.links[..]));
             }
