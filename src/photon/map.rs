@@ -2,9 +2,9 @@
 
 use super::build::{Balance, Block};
 use super::layout::Layout;
-use super::packed::{Flags, Photon, storable};
+use super::packed::{Flags, MAX_COORDINATE, Photon, storable};
 use super::simd::Level;
-use super::simd_partition::{Extent, unordered};
+use super::simd_partition::{Extent, ordered, unordered};
 use super::{direction, heap};
 use crate::color::{Rgb, rgbe};
 use crate::math::{Bounds3, Vec3};
@@ -55,19 +55,38 @@ impl Clone for Positions {
     }
 }
 
-/// The plane of an upper node, copied out of the streams so that the walk down touches one place.
-#[derive(Clone, Copy)]
-pub(crate) struct Split {
-    pub at: f32,
-    pub axis: u32,
+/// The upper nodes' positions and axes, by slot, copied out of the streams so that the walk down touches one place; slot 0 is
+/// unused.
+#[derive(Clone, Default)]
+pub(crate) struct Splits {
+    positions: Vec<[f32; 3]>,
+    axes: Vec<u8>,
 }
 
-impl Split {
-    const NONE: Self = Self { at: 0.0, axis: 0 };
+impl Splits {
+    /// Of as many nodes, less one, as there are buckets.
+    fn new<'a>(buckets: usize, upper: impl Fn(usize) -> &'a Photon) -> Self {
+        let mut splits = Self { positions: vec![[0.0; 3]; buckets], axes: vec![0; buckets] };
+        for slot in 1..buckets {
+            let photon = upper(slot);
+            splits.positions[slot] = photon.position;
+            splits.axes[slot] = photon.flags.axis() as u8;
+        }
+        splits
+    }
 
-    fn of(photon: &Photon) -> Self {
-        let axis = photon.flags.axis();
-        Self { at: photon.position[axis], axis: axis as u32 }
+    #[inline(always)]
+    pub fn axis(&self, slot: usize) -> usize {
+        self.axes[slot] as usize
+    }
+
+    #[inline(always)]
+    pub fn position(&self, slot: usize) -> &[f32; 3] {
+        &self.positions[slot]
+    }
+
+    fn memory(&self) -> usize {
+        self.positions.capacity() * size_of::<[f32; 3]>() + self.axes.capacity()
     }
 }
 
@@ -84,8 +103,7 @@ pub struct PhotonMap {
     /// Empty in a map that keeps none.
     direction: Vec<[u8; 2]>,
     flags: Vec<Flags>,
-    /// By slot; slot 0 is unused.
-    pub(crate) splits: Vec<Split>,
+    pub(crate) splits: Splits,
     bounds: Bounds3,
     rejected: u64,
     /// Tells a scratch's memory of one map from that of another; never part of a result.
@@ -110,37 +128,45 @@ impl PhotonMap {
     }
 
     /// As [`PhotonMap::build_with`], by an instruction set's loops.
-    pub(crate) fn build_on(level: Level, mut photons: Vec<Photon>, directions: bool) -> Self {
-        let given = photons.len();
-        let good = |p: &Photon| storable(Vec3::from_array(p.position));
-        if !photons.par_iter().with_min_len(1 << 14).all(good) {
-            photons.retain(good);
-        }
+    pub(crate) fn build_on(level: Level, photons: Vec<Photon>, directions: bool) -> Self {
         let mut map = Self::empty(photons.len(), directions);
-        map.rejected = (given - photons.len()) as u64;
-
         // The map's arrays are room for the upper levels before they hold what they are for.
         let layout = map.layout;
         let xyz = bytemuck::cast_slice_mut(map.positions.as_mut_slice());
-        let balance = Balance::upper(level, photons, layout, xyz, &mut map.power);
+        let limits = (ordered(-MAX_COORDINATE), ordered(MAX_COORDINATE));
+        let mut balance = match Balance::upper(level, photons, layout, limits, xyz, &mut map.power) {
+            Ok(balance) => balance,
+            Err(mut photons) => {
+                let given = photons.len();
+                photons.retain(|p| storable(Vec3::from_array(p.position)));
+                let rejected = given - photons.len();
+                map = Self::build_on(level, photons, directions);
+                map.rejected = rejected as u64;
+                return map;
+            }
+        };
         let extent = balance.extent;
         if extent != Extent::EMPTY {
             let corner = |v: [i32; 3]| Vec3::from_array(v.map(unordered));
             map.bounds = Bounds3::new(corner(extent.lo), corner(extent.hi));
         }
-        let mut blocks = map.blocks();
+        let garbage = balance.garbage();
+        let (mut blocks, ()) = rayon::join(|| map.blocks(), || drop(garbage));
         let last = blocks.pop().expect("a block");
         blocks.insert(layout.bucket_of_block(layout.buckets - 1), last);
-        let uppers = balance.lower(&mut blocks);
+        let (uppers, garbage) = balance.lower(&mut blocks);
         let upper = |slot| &uppers[heap::rank(slot, layout.buckets - 1)];
-        blocks.par_iter_mut().with_min_len(1 << 10).for_each(|block| {
-            if block.number > 0 {
-                block.put(0, upper(block.number));
-            }
-        });
+        let finish = || {
+            blocks.par_iter_mut().with_min_len(1 << 10).for_each(|block| {
+                if block.number > 0 {
+                    block.put(0, upper(block.number));
+                }
+            });
+            Splits::new(layout.buckets, upper)
+        };
+        let (splits, ()) = rayon::join(finish, || drop(garbage));
         drop(blocks);
-        map.splits =
-            (0..layout.buckets).map(|slot| if slot == 0 { Split::NONE } else { Split::of(upper(slot)) }).collect();
+        map.splits = splits;
         map
     }
 
@@ -155,7 +181,7 @@ impl PhotonMap {
             power: bytemuck::zeroed_vec(n),
             direction: bytemuck::zeroed_vec(if directions { n } else { 0 }),
             flags: bytemuck::zeroed_vec(n),
-            splits: Vec::new(),
+            splits: Splits::default(),
             bounds: Bounds3::EMPTY,
             rejected: 0,
             identity: NEXT.fetch_add(1, Ordering::Relaxed),
@@ -196,9 +222,7 @@ impl PhotonMap {
             }
         });
         map.bounds = Bounds3::from_points(photons.iter().map(|p| Vec3::from_array(p.position)));
-        map.splits = (0..layout.buckets)
-            .map(|slot| if slot == 0 { Split::NONE } else { Split::of(&photons[slot - 1]) })
-            .collect();
+        map.splits = Splits::new(layout.buckets, |slot| &photons[slot - 1]);
         map.is_heap().then_some(map)
     }
 
@@ -211,6 +235,13 @@ impl PhotonMap {
     #[inline]
     pub(crate) fn index_of_slot(&self, slot: usize) -> u32 {
         (self.layout.place(slot) - 1) as u32
+    }
+
+    /// The index of a block's lane 0, one below 0 in block 0, which has no photon there, and its coordinates.
+    #[inline(always)]
+    pub(crate) fn block_positions(&self, block: usize) -> (u32, &[f32]) {
+        let (start, lanes) = self.layout.block(block);
+        ((start as u32).wrapping_sub(1), &self.positions.as_slice()[3 * start..3 * (start + lanes)])
     }
 
     /// True when every photon lies on its side of every plane above it.
@@ -256,7 +287,7 @@ impl PhotonMap {
             + self.power.capacity() * 4
             + self.direction.capacity() * 2
             + self.flags.capacity() * 2
-            + self.splits.capacity() * size_of::<Split>()
+            + self.splits.memory()
     }
 
     /// Box around all photons.
