@@ -422,47 +422,36 @@ pub(crate) struct Balance {
     levels: u32,
     /// The photons of the nodes above the buckets, from left to right, and one more.
     uppers: Vec<Photon>,
-    /// Memory that is not needed any more.
-    rest: Vec<[u8; 4]>,
     pub extent: Extent,
 }
 
 impl Balance {
-    /// The upper levels. `xyz` and `power` are room for so many photons; what they hold afterwards means nothing. Gives the
-    /// photons back when a position is out of `limits`.
+    /// The upper levels. `room` is for so many photons; what it holds afterwards means nothing. Gives the photons back when a
+    /// position is out of `limits`.
     pub fn upper(
         level: Level,
         mut photons: Vec<Photon>,
         layout: Layout,
         limits: (i32, i32),
-        xyz: &mut [i32],
-        power: &mut [[u8; 4]],
+        mut room: Run,
     ) -> Result<Self, Vec<Photon>> {
-        let n = photons.len();
         // An odd number of levels, so that the last one brings the photons back into their own memory.
         let levels = (layout.buckets / CACHED).max(1).ilog2();
         let levels = if levels == 0 { 0 } else { levels | 1 };
         let down_to = layout.buckets >> levels;
         let mut uppers = vec![Photon::default(); layout.buckets];
-        let mut rest = bytemuck::zeroed_vec(n);
-        let mut from = Run { xyz: &mut xyz[..3 * n], power, rest: &mut rest };
-        let extent = columns(level, &photons, &mut from);
+        let extent = columns(level, &photons, &mut room);
         if !(extent.lo.iter().all(|&v| v >= limits.0) && extent.hi.iter().all(|&v| v <= limits.1)) {
             return Err(photons);
         }
         let to = Run::new(bytemuck::cast_slice_mut(&mut photons));
         if levels == 0 {
-            to.xyz.copy_from_slice(from.xyz);
-            to.power.copy_from_slice(from.power);
-            to.rest.copy_from_slice(from.rest);
+            to.xyz.copy_from_slice(room.xyz);
+            to.power.copy_from_slice(room.power);
+            to.rest.copy_from_slice(room.rest);
         }
-        upper(level, from, to, extent, &mut uppers[..layout.buckets - 1], down_to);
-        Ok(Self { level, photons, layout, levels, uppers, rest, extent })
-    }
-
-    /// Memory that may be freed: as that takes time, while another thread works.
-    pub fn garbage(&mut self) -> Vec<[u8; 4]> {
-        std::mem::take(&mut self.rest)
+        upper(level, room, to, extent, &mut uppers[..layout.buckets - 1], down_to);
+        Ok(Self { level, photons, layout, levels, uppers, extent })
     }
 
     /// The other levels, into the blocks in the order of buckets; returns the photons of the upper nodes from left to right,

@@ -187,6 +187,9 @@ fn a_million_identical_photons() {
     // Ties by emission index: read from left to right the photons are in emission order.
     assert!((1..=n).all(|slot| id(&map, map.index_of_slot(slot)) == heap::rank(slot, n)));
     assert!(map.memory() as f64 <= 20.5 * n as f64);
+    // Buckets are smallest for a power of two.
+    let n = 1 << 18;
+    assert!(build(&vec![p; n]).memory() as f64 <= 20.5 * n as f64);
 }
 
 #[test]
