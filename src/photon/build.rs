@@ -22,6 +22,12 @@ const CACHED: usize = 128;
 const SAMPLE: usize = 1024;
 const SAMPLED_FROM: usize = 4 * SAMPLE;
 
+/// Nodes of at least so many pieces are divided by all threads, a piece at a time.
+const PIECES: usize = 4;
+/// Photons of a piece at least, and values of such a node that bound the search for its median.
+const PIECE: usize = 1 << 17;
+const LARGE_SAMPLE: usize = 1 << 13;
+
 /// The photons of one node: x, then y, then z, and the bytes that are only carried along.
 pub(crate) struct Run<'a> {
     pub xyz: &'a mut [i32],
@@ -150,24 +156,28 @@ impl Task for Divide<'_, '_> {
 /// The value of rank `rank`, counted from 0. `bounds` are the smallest and the largest value, `room` is overwritten.
 #[inline(always)]
 fn median<S: Simd>(simd: S, values: &[i32], rank: usize, bounds: (i32, i32), room: &mut [i32]) -> i32 {
-    let n = values.len();
-    if n >= SAMPLED_FROM {
-        // Look at a sample, then among the values that are near its own value of this rank.
-        let mut sample = [0; SAMPLE];
-        for (i, value) in sample.iter_mut().enumerate() {
-            *value = values[i * n / SAMPLE];
-        }
-        let place = rank * SAMPLE / n;
-        // Three standard deviations of the place are 1.5·√SAMPLE at most.
-        let spread = 3 * SAMPLE.isqrt() / 2;
-        let lo = ranked(simd, &sample, place.saturating_sub(spread), bounds);
-        let hi = ranked(simd, &sample, (place + spread).min(SAMPLE - 1), bounds);
+    if values.len() >= SAMPLED_FROM {
+        let (lo, hi) = around(simd, values, rank, bounds, &mut [0; SAMPLE]);
         let (below, inside) = simd.collect(values, lo, hi, room);
         if below <= rank && rank < below + inside {
             return ranked(simd, &room[..inside], rank - below, (lo, hi));
         }
     }
     ranked(simd, values, rank, bounds)
+}
+
+/// Two values between which that of rank `rank` very probably is, from a sample.
+#[inline(always)]
+fn around<S: Simd>(simd: S, values: &[i32], rank: usize, bounds: (i32, i32), sample: &mut [i32]) -> (i32, i32) {
+    let (n, size) = (values.len(), sample.len());
+    for (i, value) in sample.iter_mut().enumerate() {
+        *value = values[i * n / size];
+    }
+    let place = rank * size / n;
+    // Three standard deviations of the place are 1.5·√size at most.
+    let spread = 3 * size.isqrt() / 2;
+    let lo = ranked(simd, sample, place.saturating_sub(spread), bounds);
+    (lo, ranked(simd, sample, (place + spread).min(size - 1), bounds))
 }
 
 /// The value of rank `rank`: a search between bounds on which counting decides, by interpolation and by halving in turns.
@@ -204,6 +214,112 @@ fn ranked<S: Simd>(simd: S, values: &[i32], rank: usize, bounds: (i32, i32)) -> 
     lo
 }
 
+/// [`around`] of a large node.
+struct Around<'a>(&'a [i32], usize, (i32, i32));
+impl Task for Around<'_> {
+    type Output = (i32, i32);
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> (i32, i32) {
+        around(simd, self.0, self.1, self.2, &mut vec![0; LARGE_SAMPLE])
+    }
+}
+
+struct Ranked<'a>(&'a [i32], usize, (i32, i32));
+impl Task for Ranked<'_> {
+    type Output = i32;
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> i32 {
+        ranked(simd, self.0, self.1, self.2)
+    }
+}
+
+/// [`Partition::collect`](super::simd_partition::Partition::collect).
+struct Collect<'a>(&'a [i32], (i32, i32), &'a mut [i32]);
+impl Task for Collect<'_> {
+    type Output = (usize, usize);
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> (usize, usize) {
+        simd.collect(self.0, self.1.0, self.1.1, self.2)
+    }
+}
+
+/// How many values are below the pivot, and how many are the same.
+struct Count<'a>(&'a [i32], i32);
+impl Task for Count<'_> {
+    type Output = (usize, usize);
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> (usize, usize) {
+        let below = simd.count_less(self.0, self.1);
+        (below, simd.count_less(self.0, self.1 + 1) - below)
+    }
+}
+
+/// A piece of a node and the room for what becomes of it.
+struct Piece<'a> {
+    from: Columns<'a>,
+    pivot: Pivot,
+    left: ColumnsMut<'a>,
+    right: ColumnsMut<'a>,
+}
+
+impl Task for Piece<'_> {
+    type Output = Sides;
+    #[inline(always)]
+    fn run<S: Simd>(mut self, simd: S) -> Sides {
+        simd.partition(&self.from, self.pivot, &mut self.left, &mut self.right)
+    }
+}
+
+/// [`Divide`] by all threads: every piece of the node is counted, then divided into its own parts of both halves.
+fn divide_large(level: Level, from: &Columns, to: Run, extent: Extent) -> Divided {
+    let n = from.len();
+    let size = n.div_ceil(n / PIECE);
+    let middle = heap::left_size(n);
+    let axis = extent.widest();
+    let keys = from.xyz[axis];
+    let bounds = (extent.lo[axis], extent.hi[axis]);
+
+    // The median, as in `median`; every piece has room for three times its values.
+    let (lo, hi) = level.run(Around(keys, middle, bounds));
+    let counts: Vec<(usize, usize)> = (keys.par_chunks(size))
+        .zip(to.xyz.par_chunks_mut(3 * size))
+        .map(|(keys, room)| level.run(Collect(keys, (lo, hi), room)))
+        .collect();
+    let (mut below, mut inside) = (0, 0);
+    for (i, count) in counts.into_iter().enumerate() {
+        to.xyz.copy_within(3 * size * i..3 * size * i + count.1, inside);
+        (below, inside) = (below + count.0, inside + count.1);
+    }
+    let at = if below <= middle && middle < below + inside {
+        level.run(Ranked(&to.xyz[..inside], middle - below, (lo, hi)))
+    } else {
+        level.run(Ranked(keys, middle, bounds))
+    };
+
+    let counts: Vec<(usize, usize)> = keys.par_chunks(size).map(|keys| level.run(Count(keys, at))).collect();
+    let below: usize = counts.iter().map(|c| c.0).sum();
+    let mut median = (middle - below) as isize;
+    let (mut left, mut right) = to.children();
+    let (mut lefts, mut rights) = (left.columns_mut(), right.columns_mut());
+    let mut pieces = Vec::with_capacity(counts.len());
+    for (i, (below, ties)) in counts.into_iter().enumerate() {
+        let from = from.slice(size * i..n.min(size * (i + 1)));
+        let here = median.clamp(0, ties as isize) as usize;
+        let to_left = below + here;
+        let to_right = from.len() - to_left - usize::from((0..ties as isize).contains(&median));
+        let (left, right);
+        (left, lefts) = lefts.split(to_left);
+        (right, rights) = rights.split(to_right);
+        pieces.push(Piece { from, pivot: Pivot { axis, at, median }, left, right });
+        median -= ties as isize;
+    }
+    let sides: Vec<Sides> = pieces.into_par_iter().map(|piece| level.run(piece)).collect();
+    let join = |side: fn(&Sides) -> Extent| sides.iter().map(side).fold(Extent::EMPTY, Extent::union);
+    let place = sides.iter().enumerate().find_map(|(i, s)| Some(size * i + s.median?));
+    let median = photon(from, place.expect("the median is in its node"), axis);
+    Divided { left: join(|s| s.left), right: join(|s| s.right), median }
+}
+
 struct ExtentOf<'a>(&'a Columns<'a>);
 impl Task for ExtentOf<'_> {
     type Output = Extent;
@@ -221,7 +337,11 @@ fn upper(level: Level, from: Run, mut to: Run, extent: Extent, uppers: &mut [Pho
         return;
     }
     let n = from.len();
-    let Divided { left, right, median } = level.run(Divide { from: &from.columns(), to: to.reborrow(), extent });
+    let Divided { left, right, median } = if n >= PIECES * PIECE {
+        divide_large(level, &from.columns(), to.reborrow(), extent)
+    } else {
+        level.run(Divide { from: &from.columns(), to: to.reborrow(), extent })
+    };
     let (left_uppers, right_uppers) = uppers.split_at_mut(buckets / 2 - 1);
     let (top, right_uppers) = right_uppers.split_first_mut().expect("a node above buckets");
     *top = median;
@@ -253,23 +373,32 @@ fn lower(level: Level, from: Run, mut to: Run, extent: Extent, uppers: &mut [Pho
 }
 
 /// Photons as columns.
-fn columns(photons: &[Photon], to: &mut Run) -> Extent {
-    const CHUNK: usize = 1 << 14;
+struct Transpose<'a>(&'a [Photon], ColumnsMut<'a>);
+impl Task for Transpose<'_> {
+    type Output = Extent;
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> Extent {
+        let Self(photons, ColumnsMut { xyz: [x, y, z], power, rest }) = self;
+        let to = x.iter_mut().zip(&mut *y).zip(&mut *z).zip(&mut *power).zip(&mut *rest);
+        for (photon, ((((x, y), z), power), rest)) in photons.iter().zip(to) {
+            [*x, *y, *z] = photon.position.map(ordered);
+            *power = photon.power;
+            let ([d0, d1], [f0, f1]) = (photon.direction, photon.flags.0.to_ne_bytes());
+            *rest = [d0, d1, f0, f1];
+        }
+        simd.extent(&Columns { xyz: [x, y, z], power, rest })
+    }
+}
+
+/// All photons as columns; returns their box.
+fn columns(level: Level, photons: &[Photon], to: &mut Run) -> Extent {
+    const CHUNK: usize = 1 << 13;
     let ColumnsMut { xyz: [x, y, z], power, rest } = to.columns_mut();
     (photons.par_chunks(CHUNK))
         .zip(x.par_chunks_mut(CHUNK).zip(y.par_chunks_mut(CHUNK)).zip(z.par_chunks_mut(CHUNK)))
         .zip(power.par_chunks_mut(CHUNK).zip(rest.par_chunks_mut(CHUNK)))
         .map(|((photons, ((x, y), z)), (power, rest))| {
-            let mut extent = Extent::EMPTY;
-            for (i, photon) in photons.iter().enumerate() {
-                let p = photon.position.map(ordered);
-                extent = extent.union(Extent { lo: p, hi: p });
-                [x[i], y[i], z[i]] = p;
-                power[i] = photon.power;
-                let ([d0, d1], [f0, f1]) = (photon.direction, photon.flags.0.to_ne_bytes());
-                rest[i] = [d0, d1, f0, f1];
-            }
-            extent
+            level.run(Transpose(photons, ColumnsMut { xyz: [x, y, z], power, rest }))
         })
         .reduce(|| Extent::EMPTY, Extent::union)
 }
@@ -297,35 +426,37 @@ pub(crate) struct Balance {
 }
 
 impl Balance {
-    /// The upper levels. `xyz` and `power` are room for so many photons; what they hold afterwards means nothing.
+    /// The upper levels. `room` is for so many photons; what it holds afterwards means nothing. Gives the photons back when a
+    /// position is out of `limits`.
     pub fn upper(
         level: Level,
         mut photons: Vec<Photon>,
         layout: Layout,
-        xyz: &mut [i32],
-        power: &mut [[u8; 4]],
-    ) -> Self {
-        let n = photons.len();
+        limits: (i32, i32),
+        mut room: Run,
+    ) -> Result<Self, Vec<Photon>> {
         // An odd number of levels, so that the last one brings the photons back into their own memory.
         let levels = (layout.buckets / CACHED).max(1).ilog2();
         let levels = if levels == 0 { 0 } else { levels | 1 };
         let down_to = layout.buckets >> levels;
         let mut uppers = vec![Photon::default(); layout.buckets];
-        let mut rest = bytemuck::zeroed_vec(n);
-        let mut from = Run { xyz: &mut xyz[..3 * n], power, rest: &mut rest };
-        let extent = columns(&photons, &mut from);
+        let extent = columns(level, &photons, &mut room);
+        if !(extent.lo.iter().all(|&v| v >= limits.0) && extent.hi.iter().all(|&v| v <= limits.1)) {
+            return Err(photons);
+        }
         let to = Run::new(bytemuck::cast_slice_mut(&mut photons));
         if levels == 0 {
-            to.xyz.copy_from_slice(from.xyz);
-            to.power.copy_from_slice(from.power);
-            to.rest.copy_from_slice(from.rest);
+            to.xyz.copy_from_slice(room.xyz);
+            to.power.copy_from_slice(room.power);
+            to.rest.copy_from_slice(room.rest);
         }
-        upper(level, from, to, extent, &mut uppers[..layout.buckets - 1], down_to);
-        Self { level, photons, layout, levels, uppers, extent }
+        upper(level, room, to, extent, &mut uppers[..layout.buckets - 1], down_to);
+        Ok(Self { level, photons, layout, levels, uppers, extent })
     }
 
-    /// The other levels, into the blocks in the order of buckets; returns the photons of the upper nodes from left to right.
-    pub fn lower(mut self, blocks: &mut [Block]) -> Vec<Photon> {
+    /// The other levels, into the blocks in the order of buckets; returns the photons of the upper nodes from left to right,
+    /// and memory that may be freed.
+    pub fn lower(mut self, blocks: &mut [Block]) -> (Vec<Photon>, Vec<Photon>) {
         let level = self.level;
         let buckets = self.layout.buckets >> self.levels;
         let mut all = Vec::new();
@@ -346,7 +477,7 @@ impl Balance {
                 let extent = level.run(ExtentOf(&node.columns()));
                 lower(level, node, Run::new(room), extent, &mut uppers[..buckets - 1], blocks);
             });
-        self.uppers
+        (self.uppers, self.photons)
     }
 }
 

@@ -1,10 +1,10 @@
 //! The balanced photon map.
 
-use super::build::{Balance, Block};
+use super::build::{Balance, Block, Run};
 use super::layout::Layout;
-use super::packed::{Flags, Photon, storable};
+use super::packed::{Flags, MAX_COORDINATE, Photon, storable};
 use super::simd::Level;
-use super::simd_partition::{Extent, unordered};
+use super::simd_partition::{Extent, ordered, unordered};
 use super::{direction, heap};
 use crate::color::{Rgb, rgbe};
 use crate::math::{Bounds3, Vec3};
@@ -55,19 +55,38 @@ impl Clone for Positions {
     }
 }
 
-/// The plane of an upper node, copied out of the streams so that the walk down touches one place.
-#[derive(Clone, Copy)]
-pub(crate) struct Split {
-    pub at: f32,
-    pub axis: u32,
+/// The upper nodes' positions and axes, by slot, copied out of the streams so that the walk down touches one place; slot 0 is
+/// unused.
+#[derive(Clone, Default)]
+pub(crate) struct Splits {
+    positions: Vec<[f32; 3]>,
+    axes: Vec<u8>,
 }
 
-impl Split {
-    const NONE: Self = Self { at: 0.0, axis: 0 };
+impl Splits {
+    /// Of as many nodes, less one, as there are buckets.
+    fn new<'a>(buckets: usize, upper: impl Fn(usize) -> &'a Photon) -> Self {
+        let mut splits = Self { positions: vec![[0.0; 3]; buckets], axes: vec![0; buckets] };
+        for slot in 1..buckets {
+            let photon = upper(slot);
+            splits.positions[slot] = photon.position;
+            splits.axes[slot] = photon.flags.axis() as u8;
+        }
+        splits
+    }
 
-    fn of(photon: &Photon) -> Self {
-        let axis = photon.flags.axis();
-        Self { at: photon.position[axis], axis: axis as u32 }
+    #[inline(always)]
+    pub fn axis(&self, slot: usize) -> usize {
+        self.axes[slot] as usize
+    }
+
+    #[inline(always)]
+    pub fn position(&self, slot: usize) -> &[f32; 3] {
+        &self.positions[slot]
+    }
+
+    fn memory(&self) -> usize {
+        self.positions.capacity() * size_of::<[f32; 3]>() + self.axes.capacity()
     }
 }
 
@@ -81,11 +100,9 @@ pub struct PhotonMap {
     pub(crate) positions: Positions,
     // By place, less one.
     power: Vec<[u8; 4]>,
-    /// Empty in a map that keeps none.
-    direction: Vec<[u8; 2]>,
-    flags: Vec<Flags>,
-    /// By slot; slot 0 is unused.
-    pub(crate) splits: Vec<Split>,
+    /// The flags of all photons, then the bytes of their directions unless the map keeps none.
+    tails: Vec<u16>,
+    pub(crate) splits: Splits,
     bounds: Bounds3,
     rejected: u64,
     /// Tells a scratch's memory of one map from that of another; never part of a result.
@@ -110,42 +127,58 @@ impl PhotonMap {
     }
 
     /// As [`PhotonMap::build_with`], by an instruction set's loops.
-    pub(crate) fn build_on(level: Level, mut photons: Vec<Photon>, directions: bool) -> Self {
-        let given = photons.len();
-        let good = |p: &Photon| storable(Vec3::from_array(p.position));
-        if !photons.par_iter().with_min_len(1 << 14).all(good) {
-            photons.retain(good);
-        }
-        let mut map = Self::empty(photons.len(), directions);
-        map.rejected = (given - photons.len()) as u64;
-
-        // The map's arrays are room for the upper levels before they hold what they are for.
+    pub(crate) fn build_on(level: Level, photons: Vec<Photon>, directions: bool) -> Self {
+        let mut map = Self::empty(photons.len());
+        // The map's arrays are room for the upper levels before they hold what they are for: pages that nobody has touched yet
+        // cost a tenth of the time.
         let layout = map.layout;
-        let xyz = bytemuck::cast_slice_mut(map.positions.as_mut_slice());
-        let balance = Balance::upper(level, photons, layout, xyz, &mut map.power);
+        let room = Run {
+            xyz: &mut bytemuck::cast_slice_mut(map.positions.as_mut_slice())[..3 * layout.n],
+            power: &mut map.power,
+            rest: bytemuck::cast_slice_mut(&mut map.tails),
+        };
+        let limits = (ordered(-MAX_COORDINATE), ordered(MAX_COORDINATE));
+        let balance = match Balance::upper(level, photons, layout, limits, room) {
+            Ok(balance) => balance,
+            Err(mut photons) => {
+                let given = photons.len();
+                photons.retain(|p| storable(Vec3::from_array(p.position)));
+                let rejected = given - photons.len();
+                map = Self::build_on(level, photons, directions);
+                map.rejected = rejected as u64;
+                return map;
+            }
+        };
         let extent = balance.extent;
         if extent != Extent::EMPTY {
             let corner = |v: [i32; 3]| Vec3::from_array(v.map(unordered));
             map.bounds = Bounds3::new(corner(extent.lo), corner(extent.hi));
         }
+        if !directions {
+            map.tails.truncate(layout.n);
+            map.tails.shrink_to_fit();
+        }
         let mut blocks = map.blocks();
         let last = blocks.pop().expect("a block");
         blocks.insert(layout.bucket_of_block(layout.buckets - 1), last);
-        let uppers = balance.lower(&mut blocks);
+        let (uppers, garbage) = balance.lower(&mut blocks);
         let upper = |slot| &uppers[heap::rank(slot, layout.buckets - 1)];
-        blocks.par_iter_mut().with_min_len(1 << 10).for_each(|block| {
-            if block.number > 0 {
-                block.put(0, upper(block.number));
-            }
-        });
+        let finish = || {
+            blocks.par_iter_mut().with_min_len(1 << 10).for_each(|block| {
+                if block.number > 0 {
+                    block.put(0, upper(block.number));
+                }
+            });
+            Splits::new(layout.buckets, upper)
+        };
+        let (splits, ()) = rayon::join(finish, || drop(garbage));
         drop(blocks);
-        map.splits =
-            (0..layout.buckets).map(|slot| if slot == 0 { Split::NONE } else { Split::of(upper(slot)) }).collect();
+        map.splits = splits;
         map
     }
 
-    /// A map of zeros.
-    fn empty(n: usize, directions: bool) -> Self {
+    /// A map of zeros, with directions.
+    fn empty(n: usize) -> Self {
         static NEXT: AtomicU64 = AtomicU64::new(1);
         assert!(u32::try_from(n).is_ok(), "a photon map holds at most 2^32 - 1 photons");
         let layout = Layout::new(n);
@@ -153,9 +186,8 @@ impl PhotonMap {
             layout,
             positions: Positions::new(&layout),
             power: bytemuck::zeroed_vec(n),
-            direction: bytemuck::zeroed_vec(if directions { n } else { 0 }),
-            flags: bytemuck::zeroed_vec(n),
-            splits: Vec::new(),
+            tails: bytemuck::zeroed_vec(2 * n),
+            splits: Splits::default(),
             bounds: Bounds3::EMPTY,
             rejected: 0,
             identity: NEXT.fetch_add(1, Ordering::Relaxed),
@@ -165,8 +197,10 @@ impl PhotonMap {
     /// The blocks in their order.
     fn blocks(&mut self) -> Vec<Block<'_>> {
         let mut blocks = Vec::with_capacity(self.layout.buckets);
-        let (mut p, mut c, mut d, mut f) =
-            (self.positions.as_mut_slice(), &mut self.power[..], &mut self.direction[..], &mut self.flags[..]);
+        let (flags, directions) = self.tails.split_at_mut(self.layout.n);
+        let (mut f, mut d): (&mut [Flags], &mut [[u8; 2]]) =
+            (bytemuck::cast_slice_mut(flags), bytemuck::cast_slice_mut(directions));
+        let (mut p, mut c) = (self.positions.as_mut_slice(), &mut self.power[..]);
         for number in 0..self.layout.buckets {
             let (start, lanes) = self.layout.block(number);
             let used = lanes.min(self.layout.n + 1 - start) - usize::from(number == 0);
@@ -186,7 +220,7 @@ impl PhotonMap {
         if !photons.iter().all(|p| storable(Vec3::from_array(p.position)) && p.flags.axis() < 3) {
             return None;
         }
-        let mut map = Self::empty(photons.len(), true);
+        let mut map = Self::empty(photons.len());
         let layout = map.layout;
         map.blocks().into_par_iter().with_min_len(64).for_each(|mut block| {
             block.positions.fill(f32::INFINITY);
@@ -196,9 +230,7 @@ impl PhotonMap {
             }
         });
         map.bounds = Bounds3::from_points(photons.iter().map(|p| Vec3::from_array(p.position)));
-        map.splits = (0..layout.buckets)
-            .map(|slot| if slot == 0 { Split::NONE } else { Split::of(&photons[slot - 1]) })
-            .collect();
+        map.splits = Splits::new(layout.buckets, |slot| &photons[slot - 1]);
         map.is_heap().then_some(map)
     }
 
@@ -211,6 +243,13 @@ impl PhotonMap {
     #[inline]
     pub(crate) fn index_of_slot(&self, slot: usize) -> u32 {
         (self.layout.place(slot) - 1) as u32
+    }
+
+    /// The index of a block's lane 0, one below 0 in block 0, which has no photon there, and its coordinates.
+    #[inline(always)]
+    pub(crate) fn block_positions(&self, block: usize) -> (u32, &[f32]) {
+        let (start, lanes) = self.layout.block(block);
+        ((start as u32).wrapping_sub(1), &self.positions.as_slice()[3 * start..3 * (start + lanes)])
     }
 
     /// True when every photon lies on its side of every plane above it.
@@ -237,12 +276,12 @@ impl PhotonMap {
     /// Number of photons.
     #[inline]
     pub fn len(&self) -> usize {
-        self.flags.len()
+        self.layout.n
     }
 
     #[inline]
     pub fn is_empty(&self) -> bool {
-        self.flags.is_empty()
+        self.layout.n == 0
     }
 
     /// Photons that [`PhotonMap::build`] left out because of their position.
@@ -254,9 +293,8 @@ impl PhotonMap {
     pub fn memory(&self) -> usize {
         size_of_val(self.positions.as_slice())
             + self.power.capacity() * 4
-            + self.direction.capacity() * 2
-            + self.flags.capacity() * 2
-            + self.splits.capacity() * size_of::<Split>()
+            + self.tails.capacity() * 2
+            + self.splits.memory()
     }
 
     /// Box around all photons.
@@ -283,8 +321,8 @@ impl PhotonMap {
     /// Unit direction towards where the photon came from; the normal on that side in a map that keeps no directions.
     #[inline]
     pub fn direction(&self, index: u32) -> Vec3 {
-        match self.direction.get(index as usize) {
-            Some(&bytes) => direction::decode(bytes),
+        match self.tails.get(self.layout.n + index as usize) {
+            Some(&bytes) => direction::decode(bytes.to_ne_bytes()),
             None if self.side(index) => self.normal(index),
             None => -self.normal(index),
         }
@@ -292,7 +330,7 @@ impl PhotonMap {
 
     #[inline]
     pub fn flags(&self, index: u32) -> Flags {
-        self.flags[index as usize]
+        Flags(self.tails[index as usize])
     }
 
     /// Geometric normal where the photon landed, 3° rms off.
@@ -314,8 +352,8 @@ impl PhotonMap {
         Photon {
             position: self.position(index).to_array(),
             power: self.power[i],
-            direction: self.direction.get(i).copied().unwrap_or_default(),
-            flags: self.flags[i],
+            direction: self.tails.get(self.layout.n + i).copied().unwrap_or_default().to_ne_bytes(),
+            flags: self.flags(index),
         }
     }
 

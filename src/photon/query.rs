@@ -82,7 +82,7 @@ impl PhotonMap {
         scratch.answer(full, max_r_sq)
     }
 
-    /// As [`PhotonMap::nearest`], among the photons that `accept` takes.
+    /// As [`PhotonMap::nearest`], among the photons that `accept` takes, which may be asked more than once about a photon.
     pub fn nearest_where<'a>(
         &self,
         p: Vec3,
@@ -93,7 +93,7 @@ impl PhotonMap {
     ) -> Neighbours<'a> {
         // The last answer bounds this one only if the same photons were acceptable.
         scratch.last = None;
-        let full = self.search(p, k, max_r_sq, f32::INFINITY, scratch, Some(accept));
+        let full = self.search(p, k, max_r_sq, (f32::INFINITY, false), scratch, Some(accept));
         scratch.answer(full, max_r_sq)
     }
 
@@ -103,7 +103,7 @@ impl PhotonMap {
         p: Vec3,
         k: usize,
         max_r_sq: f32,
-        bound: f32,
+        (bound, close): (f32, bool),
         scratch: &mut KnnScratch,
         accept: Option<impl FnMut(u32) -> bool>,
     ) -> Option<f32> {
@@ -116,8 +116,7 @@ impl PhotonMap {
             return None;
         }
         let r_sq = max_r_sq.next_up().min(bound);
-        let cold = bound == f32::INFINITY;
-        let task = Nearest { map: self, q: p.to_array(), k, r_sq, cold, found: &mut scratch.found, accept };
+        let task = Nearest { map: self, q: p.to_array(), k, r_sq, close, found: &mut scratch.found, accept };
         scratch.level.run(task)
     }
 
@@ -145,7 +144,7 @@ impl PhotonMap {
             fn run<S: Simd>(self, simd: S) -> usize {
                 let (mut found, mut buckets) = (Found::default(), 0);
                 found.reset(ROOM);
-                walk(self.0, simd, self.1, self.2.next_up(), &mut found, |found, r_sq| {
+                walk(self.0, simd, self.1, self.2.next_up(), 1, &mut found, |found, r_sq| {
                     found.len = 0;
                     buckets += 1;
                     r_sq
@@ -153,24 +152,24 @@ impl PhotonMap {
                 buckets
             }
         }
-        // A bucket is one run; between two of them lies a photon of an upper node, whose coordinates are on three lines.
         let buckets = Level::best().run(Lines(self, p.to_array(), r_sq));
         let in_a_block = self.positions.as_slice().len() / 16 / self.layout.buckets;
-        buckets * in_a_block + 3 * buckets.saturating_sub(1)
+        buckets * in_a_block
     }
 }
 
 impl KnnScratch {
-    /// A squared distance that k photons are certainly below.
+    /// A squared distance that k photons are certainly below, and whether it is worth knowing.
     #[inline]
-    fn bound(&self, map: &PhotonMap, p: Vec3, k: usize) -> f32 {
+    fn bound(&self, map: &PhotonMap, p: Vec3, k: usize) -> (f32, bool) {
         match &self.last {
             Some(last) if last.map == map.identity && k <= last.k => {
                 // A few roundings of 2^-24 in each distance and sum: 1e-5 covers them. The floor covers underflow.
-                let r = (last.radius + last.p.distance(p)) * (1.0 + 1e-5);
-                (r * r).max(1e-30)
+                let moved = last.p.distance(p);
+                let r = (last.radius + moved) * (1.0 + 1e-5);
+                ((r * r).max(1e-30), moved <= last.radius && last.k <= 4 * k)
             }
-            _ => f32::INFINITY,
+            _ => (f32::INFINITY, false),
         }
     }
 
@@ -190,22 +189,49 @@ struct Nearest<'a, A> {
     q: [f32; 3],
     k: usize,
     r_sq: f32,
-    /// Nothing is known about the k-th distance yet.
-    cold: bool,
+    /// Hardly more than k photons are nearer than `r_sq`, and most of them have just been read.
+    close: bool,
     found: &'a mut Found,
     accept: Option<A>,
 }
+
+/// Guessed radii that are tried before a search without one.
+const GUESSES: usize = 2;
 
 impl<A: FnMut(u32) -> bool> Task for Nearest<'_, A> {
     type Output = Option<f32>;
 
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) -> Option<f32> {
+        let (mut guess, mut guesses) = (f32::INFINITY, 0);
+        if !self.close && self.map.layout.buckets > 4 && self.k < self.map.len() / 4 {
+            (guess, guesses) = (self.guess(simd), GUESSES);
+        }
+        loop {
+            let guessed = guesses > 0 && 0.0 < guess && guess < self.r_sq;
+            let r_sq = if guessed { guess } else { self.r_sq };
+            // Where nothing is known, shrink the radius as soon as k are found; always when the buffer is full.
+            let limit = if self.close || guessed { usize::MAX } else { self.k };
+            let kth = self.collect(simd, r_sq, limit);
+            if !guessed || kth.is_some() {
+                return kth;
+            }
+            guesses -= 1;
+            guess *= (2.0 * self.k as f32 / (self.found.len as f32 + 1.0)).min(16.0);
+        }
+    }
+}
+
+impl<A: FnMut(u32) -> bool> Nearest<'_, A> {
+    /// Fills `found` with the nearest k among the photons nearer than `r_sq`, or with all of them when they are fewer; returns
+    /// the k-th squared distance.
+    #[inline(always)]
+    fn collect<S: Simd>(&mut self, simd: S, r_sq: f32, mut limit: usize) -> Option<f32> {
         let mut kth = None;
         let mut filtered = 0;
-        // Shrink the radius as soon as k are known, then whenever the buffer is full.
-        let mut limit = if self.cold { self.k } else { usize::MAX };
-        walk(self.map, simd, self.q, self.r_sq, self.found, |found, r_sq| {
+        self.found.len = 0;
+        let ahead = if self.close || r_sq == f32::INFINITY { 1 } else { AHEAD };
+        walk(self.map, simd, self.q, r_sq, ahead, self.found, |found, r_sq| {
             if let Some(accept) = &mut self.accept {
                 found.filter(filtered, accept);
                 filtered = found.len;
@@ -224,6 +250,62 @@ impl<A: FnMut(u32) -> bool> Task for Nearest<'_, A> {
             std::cmp::Ordering::Greater => Some(self.found.keep_nearest(simd, self.k)),
         }
     }
+
+    /// A squared radius in which the k nearest probably lie, if the photons around are as dense as those of the bucket on whose
+    /// side of every plane `q` is, and on a surface.
+    #[inline(always)]
+    fn guess<S: Simd>(&mut self, simd: S) -> f32 {
+        let map = self.map;
+        let mut slot = 1;
+        while slot < map.layout.buckets {
+            let axis = map.splits.axis(slot);
+            slot = 2 * slot + usize::from(self.q[axis] > map.splits.position(slot)[axis]);
+        }
+        // The buckets beside it will be needed as well.
+        for beside in 1..if self.k > 100 { 4 } else { 2 } {
+            let block = map.layout.block_of_bucket((slot ^ beside) - map.layout.buckets);
+            simd.prefetch(map.block_positions(block).1);
+        }
+        let (first, positions) = map.block_positions(map.layout.block_of_bucket(slot - map.layout.buckets));
+        self.found.len = 0;
+        simd.scan(positions, first, self.q, f32::INFINITY, self.found);
+        let nearest = smallest(&self.found.d_sq[..self.found.len]);
+        if let Some(accept) = &mut self.accept {
+            self.found.filter(0, accept);
+        }
+        if self.found.len == 0 {
+            return f32::INFINITY;
+        }
+        let lanes = positions.len() / 3;
+        let [x, y, z] = std::array::from_fn(|a| extent(&positions[a * lanes + 1..(a + 1) * lanes]));
+        // The area of a piece of a plane from its projections. The margin covers the Poisson noise of both counts.
+        let area = (x * x * y * y + y * y * z * z + z * z * x * x).sqrt();
+        let (k, m) = (self.k as f32, self.found.len as f32);
+        let margin = 1.15 + 2.0 / k.sqrt() + 1.0 / m.sqrt();
+        nearest + margin * k * area / (std::f32::consts::PI * m)
+    }
+}
+
+/// The smallest value; infinite without any.
+#[inline(always)]
+fn smallest(values: &[f32]) -> f32 {
+    let (chunks, rest) = values.as_chunks::<16>();
+    let smaller = |m: f32, v: f32| if v < m { v } else { m };
+    let minima = chunks.iter().fold([f32::INFINITY; 16], |m, c| std::array::from_fn(|i| smaller(m[i], c[i])));
+    minima.into_iter().chain(rest.iter().copied()).fold(f32::INFINITY, smaller)
+}
+
+/// The extent of the values that are finite.
+#[inline(always)]
+fn extent(values: &[f32]) -> f32 {
+    let (chunks, rest) = values.as_chunks::<16>();
+    let smaller = |m: f32, v: f32| if v < m { v } else { m };
+    let larger = |m: f32, v: f32| if v > m && v < f32::INFINITY { v } else { m };
+    let lo = chunks.iter().fold([f32::INFINITY; 16], |m, c| std::array::from_fn(|i| smaller(m[i], c[i])));
+    let hi = chunks.iter().fold([f32::NEG_INFINITY; 16], |m, c| std::array::from_fn(|i| larger(m[i], c[i])));
+    let lo = lo.into_iter().chain(rest.iter().copied()).fold(f32::INFINITY, smaller);
+    let hi = hi.into_iter().chain(rest.iter().copied()).fold(f32::NEG_INFINITY, larger);
+    hi - lo
 }
 
 struct Within<'a, V> {
@@ -239,7 +321,7 @@ impl<V: FnMut(u32, f32)> Task for Within<'_, V> {
 
     #[inline(always)]
     fn run<S: Simd>(mut self, simd: S) {
-        walk(self.map, simd, self.q, self.r_sq, self.found, |found, r_sq| {
+        walk(self.map, simd, self.q, self.r_sq, AHEAD, self.found, |found, r_sq| {
             for (&index, &d_sq) in found.index[..found.len].iter().zip(&found.d_sq[..found.len]) {
                 (self.visit)(index, d_sq);
             }
@@ -257,33 +339,48 @@ struct Later {
     offset: [f32; 3],
 }
 
+/// A bucket to be scanned, after the photon of the upper node before it; 0 where there is none before it.
+#[derive(Clone, Copy, Default)]
+struct Visit {
+    upper: u32,
+    block: u32,
+    /// Of the cell from `q`.
+    d_sq: f32,
+}
+
+/// Buckets that are fetched from memory at a time.
+const AHEAD: usize = 16;
+
 /// Walks every subtree that has photons nearer than `r_sq` (exclusive), near ones first, and calls `after` with the
 /// candidates whenever some may have been added; `after` returns the radius to go on with.
 ///
 /// The walk descends the upper nodes plane by plane with the distance from the cell's nearest point [Wald 2022, "closest
 /// corner tracking"], and scans the bottom subtrees as runs of the heap. Rounding is monotone, so a computed cell distance
-/// never exceeds the computed distance of a photon in the cell: pruning loses nothing.
+/// never exceeds the computed distance of a photon in the cell: pruning loses nothing. `ahead` buckets, [`AHEAD`] at most,
+/// are looked for before they are scanned, so that they come from memory together.
 #[inline(always)]
 fn walk<S: Simd>(
     map: &PhotonMap,
     simd: S,
     q: [f32; 3],
     mut r_sq: f32,
+    ahead: usize,
     found: &mut Found,
     mut after: impl FnMut(&mut Found, f32) -> f32,
 ) {
     let buckets = map.layout.buckets;
-    let positions = map.positions.as_slice();
     let mut later = [Later::default(); 32];
     let mut waiting = 0;
-    let mut slot = 1;
-    let mut offset = [0f32; 3];
+    let mut next = Later { slot: 1, ..Later::default() };
+    let mut visits = [Visit::default(); AHEAD];
+    let mut count = 0;
     loop {
+        let Later { mut slot, offset, d_sq: cell_d_sq } = next;
+        let upper = slot / 2;
         // Go down to the bucket on q's side of every plane; remember the other sides that are near enough.
         while slot < buckets {
-            let split = map.splits[slot];
-            let axis = split.axis as usize;
-            let d = q[axis] - split.at;
+            let axis = map.splits.axis(slot);
+            let d = q[axis] - map.splits.position(slot)[axis];
             let near = 2 * slot + usize::from(d > 0.0);
             let mut beyond = offset;
             beyond[axis] = d;
@@ -295,35 +392,47 @@ fn walk<S: Simd>(
             slot = near;
         }
         let block = map.layout.block_of_bucket(slot - buckets);
-        let (start, lanes) = map.layout.block(block);
-        // Place 0 has no index: wrapping makes lane 1 of the first block 0.
-        simd.scan(&positions[3 * start..3 * (start + lanes)], (start as u32).wrapping_sub(1), q, r_sq, found);
-        r_sq = after(found, r_sq);
+        if ahead > 1 {
+            simd.prefetch(map.block_positions(block).1);
+        }
+        visits[count] = Visit { upper: upper as u32, block: block as u32, d_sq: cell_d_sq };
+        count += 1;
 
-        // Take up the nearest subtree put off, if it still counts, with the photon on the plane before it.
+        // Take up the nearest subtree put off that still counts.
         loop {
-            if waiting == 0 {
-                return;
+            if count == ahead || waiting == 0 {
+                for visit in &visits[..count] {
+                    if visit.d_sq < r_sq {
+                        scan(map, simd, q, r_sq, visit, found);
+                        r_sq = after(found, r_sq);
+                    }
+                }
+                count = 0;
+                if waiting == 0 {
+                    return;
+                }
             }
             waiting -= 1;
-            let next = later[waiting];
+            next = later[waiting];
             if next.d_sq < r_sq {
-                test_one(map, next.slot / 2, q, r_sq, found);
-                (slot, offset) = (next.slot, next.offset);
                 break;
             }
         }
     }
 }
 
-/// Adds the photon of an upper slot, lane 0 of the block of that number, if it is near enough.
+/// Adds the photons of a bucket, and that of the upper node before it, which are near enough.
 #[inline(always)]
-fn test_one(map: &PhotonMap, slot: usize, q: [f32; 3], r_sq: f32, found: &mut Found) {
-    let (start, lanes) = map.layout.block(slot);
-    let block = &map.positions.as_slice()[3 * start..];
-    let (dx, dy, dz) = (block[0] - q[0], block[lanes] - q[1], block[2 * lanes] - q[2]);
-    let d_sq = dx * dx + dy * dy + dz * dz;
-    if d_sq < r_sq {
-        found.push(d_sq, (start - 1) as u32);
+fn scan<S: Simd>(map: &PhotonMap, simd: S, q: [f32; 3], r_sq: f32, visit: &Visit, found: &mut Found) {
+    if visit.upper > 0 {
+        let slot = visit.upper as usize;
+        let p = map.splits.position(slot);
+        let (dx, dy, dz) = (p[0] - q[0], p[1] - q[1], p[2] - q[2]);
+        let d_sq = dx * dx + dy * dy + dz * dz;
+        if d_sq < r_sq {
+            found.push(d_sq, (map.layout.block(slot).0 - 1) as u32);
+        }
     }
+    let (first, positions) = map.block_positions(visit.block as usize);
+    simd.scan(positions, first, q, r_sq, found);
 }

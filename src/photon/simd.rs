@@ -11,6 +11,10 @@ pub(crate) trait Simd: Partition {
     /// its x, y and z, 32 or 64 of each; `first` is the index of lane 0.
     fn scan(self, block: &[f32], first: u32, q: [f32; 3], r_sq: f32, found: &mut Found);
 
+    /// Asks the memory for a block that will be scanned.
+    #[inline(always)]
+    fn prefetch(self, _block: &[f32]) {}
+
     /// Number of values below `t`.
     fn count_below(self, values: &[f32], t: f32) -> usize;
 

@@ -3,6 +3,7 @@
 //! Coordinates are whole numbers here, in the floats' total order ([`ordered`]), so that every comparison is one of integers.
 
 use super::simd::Portable;
+use std::ops::Range;
 
 /// A float's place in the total order of floats.
 #[inline(always)]
@@ -65,7 +66,11 @@ pub(crate) struct ColumnsMut<'a> {
     pub rest: &'a mut [[u8; 4]],
 }
 
-impl Columns<'_> {
+impl<'a> Columns<'a> {
+    pub fn slice(&self, range: Range<usize>) -> Columns<'a> {
+        Columns { xyz: self.xyz.map(|c| &c[range.clone()]), power: &self.power[range.clone()], rest: &self.rest[range] }
+    }
+
     pub fn len(&self) -> usize {
         self.power.len()
     }
@@ -76,7 +81,15 @@ impl Columns<'_> {
     }
 }
 
-impl ColumnsMut<'_> {
+impl<'a> ColumnsMut<'a> {
+    /// The first photons, and those after them.
+    pub fn split(self, at: usize) -> (ColumnsMut<'a>, ColumnsMut<'a>) {
+        let [(x, x1), (y, y1), (z, z1)] = self.xyz.map(|c| c.split_at_mut(at));
+        let (power, power1) = self.power.split_at_mut(at);
+        let (rest, rest1) = self.rest.split_at_mut(at);
+        (ColumnsMut { xyz: [x, y, z], power, rest }, ColumnsMut { xyz: [x1, y1, z1], power: power1, rest: rest1 })
+    }
+
     pub fn as_ref(&self) -> Columns<'_> {
         Columns { xyz: self.xyz.each_ref().map(|c| &**c), power: self.power, rest: self.rest }
     }

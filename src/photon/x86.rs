@@ -17,7 +17,7 @@ pub(crate) struct Avx2(());
 pub(crate) struct Avx512(());
 
 /// For every set of eight lanes, their numbers in order, a byte each: what moves them to the front.
-static FRONT: [u64; 256] = {
+pub(super) static FRONT: [u64; 256] = {
     let mut table = [0; 256];
     let mut mask = 0;
     while mask < 256 {
@@ -71,6 +71,15 @@ impl Avx512 {
     }
 }
 
+/// Asks for every cache line of a block; a prefetch never faults.
+#[inline(always)]
+fn prefetch(block: &[f32]) {
+    for line in block.chunks(16) {
+        // SAFETY: every x86-64 has the instruction.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(line.as_ptr().cast()) };
+    }
+}
+
 /// Appends the lanes of `mask` to `found`, whose buffers have room for 16 more.
 #[inline(always)]
 unsafe fn append512(found: &mut Found, mask: u16, d_sq: __m512, index: __m512i) {
@@ -83,6 +92,11 @@ unsafe fn append512(found: &mut Found, mask: u16, d_sq: __m512, index: __m512i) 
 }
 
 impl Simd for Avx512 {
+    #[inline(always)]
+    fn prefetch(self, block: &[f32]) {
+        prefetch(block);
+    }
+
     #[inline(always)]
     fn scan(self, block: &[f32], first: u32, q: [f32; 3], r_sq: f32, found: &mut Found) {
         let lanes = block.len() / 3;
@@ -189,6 +203,11 @@ unsafe fn append256(found: &mut Found, mask: u32, d_sq: __m256, index: __m256i) 
 }
 
 impl Simd for Avx2 {
+    #[inline(always)]
+    fn prefetch(self, block: &[f32]) {
+        prefetch(block);
+    }
+
     #[inline(always)]
     fn scan(self, block: &[f32], first: u32, q: [f32; 3], r_sq: f32, found: &mut Found) {
         let lanes = block.len() / 3;
