@@ -690,7 +690,6 @@ fn guided_emission_keeps_the_mean() {
         };
         let ((plain, a), (guided, b)) = (estimate(means(None)), estimate(means(Some(emission))));
         let off = (plain - guided).abs() / (a + b).sqrt();
-        println!("{sensor}: {plain} and {guided}, {off} standard errors");
         assert!(off < 5.0 && (a + b).sqrt() < 0.01 * plain, "{sensor}: {plain}, guided {guided}, {off}");
     }
 }
