@@ -53,6 +53,11 @@ impl SplatBuffer {
         self.splats.is_empty()
     }
 
+    /// All splats with their film positions.
+    pub fn iter(&self) -> impl Iterator<Item = &(Vec2, Rgb)> {
+        self.splats.iter()
+    }
+
     /// Empties it and keeps its memory.
     pub fn clear(&mut self) {
         self.splats.clear();

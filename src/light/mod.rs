@@ -6,6 +6,7 @@
 mod area;
 mod distant;
 mod envmap;
+mod inverse;
 mod near;
 mod point;
 mod projector;

@@ -346,6 +346,7 @@ fn bidirectional(s: &IntegratorSettings, own: bool, method: VcmSettings) -> VcmS
         alpha: s.float("alpha").filter(|_| own).map_or(method.alpha, f64::from),
         initial_radius: s.float("initial_radius").filter(|_| own),
         radius_scale: s.float("radius_scale").filter(|_| own).unwrap_or(1.0),
+        guided_emission: switch("guided_emission", true),
         correlation_aware: switch("correlation_aware", false),
         efficiency_aware: method.camera_paths && switch("efficiency_aware", false),
         ..method

@@ -6,7 +6,7 @@ use std::f32::consts::{FRAC_PI_4, PI};
 
 use glam::{Vec2, Vec3};
 
-use crate::math::{INV_PI, safe_sqrt, sin_cos_turns};
+use crate::math::{INV_PI, atan2, safe_sqrt, sin_cos_turns};
 
 /// Unit disc, concentric map [Shirley and Chiu 1997]; density 1/π.
 #[inline(always)]
@@ -19,6 +19,20 @@ pub fn concentric_disk(u: Vec2) -> Vec2 {
     }
     let (sin, cos) = sin_cos_eighth(FRAC_PI_4 * (other / r));
     if wide { r * Vec2::new(cos, sin) } else { r * Vec2::new(sin, cos) }
+}
+
+/// The point that [`concentric_disk`] takes to `p`.
+#[inline]
+pub fn concentric_disk_inverse(p: Vec2) -> Vec2 {
+    let wide = p.x.abs() > p.y.abs();
+    let (long, short) = if wide { (p.x, p.y) } else { (p.y, p.x) };
+    if long == 0.0 {
+        return Vec2::splat(0.5);
+    }
+    let r = p.length().copysign(long);
+    let other = r * (atan2(short * long.signum(), long.abs()) / FRAC_PI_4);
+    let o = if wide { Vec2::new(r, other) } else { Vec2::new(other, r) };
+    (0.5 * (o + Vec2::ONE)).clamp(Vec2::ZERO, Vec2::ONE)
 }
 
 /// Sine and cosine for |x| ≤ π/4 by their Taylor series, to 3·10⁻⁷ and 3·10⁻⁸.
@@ -60,6 +74,13 @@ pub fn uniform_sphere(u: Vec2) -> Vec3 {
     (r * Vec2::new(cos, sin)).extend(z)
 }
 
+/// The point that [`uniform_sphere`] takes to the unit vector `d`.
+#[inline]
+pub fn uniform_sphere_inverse(d: Vec3) -> Vec2 {
+    let turns = atan2(d.y, d.x) * (0.5 / PI);
+    Vec2::new(0.5 - 0.5 * d.z, if turns < 0.0 { turns + 1.0 } else { turns }).clamp(Vec2::ZERO, Vec2::ONE)
+}
+
 /// Uniform in a cone around +z given as `1 − cos θ_max`, stable for cones of any width.
 #[inline(always)]
 pub fn uniform_cone(u: Vec2, one_minus_cos_max: f32) -> Vec3 {
@@ -95,6 +116,19 @@ mod tests {
                 "{x}"
             );
         }
+    }
+
+    #[test]
+    fn inverse_maps_lead_back() {
+        let n = 64;
+        for i in 0..n * n {
+            let u = Vec2::new((i % n) as f32 + 0.3, (i / n) as f32 + 0.6) / n as f32;
+            for back in [concentric_disk_inverse(concentric_disk(u)), uniform_sphere_inverse(uniform_sphere(u))] {
+                assert!((back - u).abs().max_element() < 2e-6, "{u}: {back}");
+            }
+        }
+        assert_eq!(concentric_disk_inverse(Vec2::ZERO), Vec2::splat(0.5));
+        assert!(uniform_sphere_inverse(Vec3::Z).is_finite());
     }
 
     #[test]

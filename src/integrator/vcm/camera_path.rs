@@ -16,7 +16,6 @@ use crate::integrator::roulette;
 use crate::light::LightLi;
 use crate::math::Vec3;
 use crate::sample::Sampler;
-use crate::scene::Scene;
 use crate::tally::Counters;
 
 /// A walk from the camera.
@@ -208,17 +207,19 @@ fn escaped(recipe: &Recipe, walk: &mut CameraWalk, (eta, links): (f64, &[Link]))
     if radiance.is_black() {
         return Rgb::BLACK;
     }
-    let (direct, emit) = escape_densities(recipe.scene, walk.from, d);
+    let (direct, emit) = escape_densities(recipe, walk.from, d);
     walk.depth += 1;
     walk.beta * radiance * walk.hit_weight(recipe, eta, links, (direct, emit), true)
 }
 
 /// What [`emitter_hit`] asks of a ray that leaves the scene along `d`.
-pub(super) fn escape_densities(scene: &Scene, from: Vec3, d: Vec3) -> (f64, f64) {
+pub(super) fn escape_densities(recipe: &Recipe, from: Vec3, d: Vec3) -> (f64, f64) {
+    let scene = recipe.scene;
     let Some(index) = scene.environment else { return (0.0, 0.0) };
     let light = &scene.lights[index as usize];
     let (pdf_a, pdf_w) = light.pdf_le(&scene.light_context(), from, -d, -d);
-    let emit = scene.photon_selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64;
+    let guided = recipe.emission_density(index as usize, from, -d, -d);
+    let emit = scene.photon_selector.pmf(index as usize) as f64 * guided * pdf_a as f64 * pdf_w as f64;
     (scene.pdf_environment(from, d) as f64, emit)
 }
 
@@ -234,17 +235,19 @@ fn met_light(
     if emitted.is_black() {
         return Rgb::BLACK;
     }
-    let (direct, emit) = hit_densities(recipe.scene, si, from);
+    let (direct, emit) = hit_densities(recipe, si, from);
     walk.beta * emitted * walk.hit_weight(recipe, eta, links, (direct, emit), false)
 }
 
 /// What [`emitter_hit`] asks of a light that was hit at `si` from `from`.
-pub(super) fn hit_densities(scene: &Scene, si: &SurfaceInteraction, from: Vec3) -> (f64, f64) {
+pub(super) fn hit_densities(recipe: &Recipe, si: &SurfaceInteraction, from: Vec3) -> (f64, f64) {
+    let scene = recipe.scene;
     let Some(index) = scene.shape_lights[si.shape as usize] else { return (0.0, 0.0) };
     // Light sampling counts per area of the light here.
     let direct = scene.pdf_direct(from, si) as f64 * cosine(si, si.wo) / from.distance_squared(si.p) as f64;
     let (pdf_a, pdf_w) = scene.lights[index as usize].pdf_le_at(&scene.light_context(), si, si.wo);
-    (direct, scene.photon_selector.pmf(index as usize) as f64 * pdf_a as f64 * pdf_w as f64)
+    let guided = recipe.emission_density(index as usize, si.p, si.ng, si.wo);
+    (direct, scene.photon_selector.pmf(index as usize) as f64 * guided * pdf_a as f64 * pdf_w as f64)
 }
 
 /// Next-event estimation: light from a sampled light, towards the eye along a path of weight `beta`.
@@ -289,7 +292,8 @@ pub(super) fn next_event_sums(
     let cos = cosine(v.si, li.wi);
     let (pdf_a, pdf_w) = light.pdf_le_li(&scene.light_context(), li);
     // Emission over light sampling, per area of the vertex.
-    let ratio = scene.photon_selector.pmf(index) as f64 / pmf;
+    let guided = recipe.emission_density(index, li.p, li.n, -li.wi);
+    let ratio = guided * scene.photon_selector.pmf(index) as f64 / pmf;
     let ratio = ratio
         * match (li.delta, li.dist.is_infinite()) {
             (true, true) => pdf_a as f64 * cos,

@@ -55,7 +55,10 @@ impl LightWalk {
         let scene = recipe.scene;
         let (u_light, u_pos, u_dir) = (sampler.next_1d(), sampler.next_2d(), sampler.next_2d());
         let (light, pmf) = scene.photon_selector.sample(u_light)?;
-        let le = scene.lights[light].sample_le(&scene.light_context(), u_pos, u_dir)?;
+        let le = match &recipe.emission {
+            Some(emission) => emission.start(scene, light, u_pos, u_dir)?,
+            None => scene.lights[light].sample_le(&scene.light_context(), u_pos, u_dir)?,
+        };
         let beta = le.weight / pmf;
         (beta.is_finite() && !beta.is_black()).then_some(Self {
             ray: scene.from_light(le.ray),

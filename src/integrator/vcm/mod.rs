@@ -8,6 +8,7 @@
 mod camera_path;
 mod correlation;
 mod efficiency;
+mod emission;
 mod event;
 mod faint;
 mod grid;

@@ -1,12 +1,14 @@
 //! Passes: iterations of light paths, then camera paths, in fixed pieces whose results are joined in their order.
 
 use std::ops::Range;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
 use super::camera_path::{LightField, radiance};
 use super::correlation::Link;
+use super::emission::Emission;
 use super::grid::{Grid, Photon};
 use super::light_path::{Collect, LightSink, LightVertex, trace};
 use super::{Merging, Recipe, VcmSettings};
@@ -19,7 +21,8 @@ use crate::shoot::PATHS_PER_BATCH;
 use crate::tally::Counters;
 
 /// Takes the camera samples `samples` of every pixel, with as many light paths, and adds them to `film`; `workspace` is
-/// memory of earlier passes, or new.
+/// memory of earlier passes of the same scene and settings, or new: the first pass learns there where light paths should
+/// start.
 ///
 /// Splats are estimates of the picture, one for each sample of a pixel: a film that holds `n` samples per pixel is
 /// developed with a splat scale of `1/n`. The merging radius depends on the number of the sample alone, counted from 0.
@@ -32,7 +35,8 @@ pub fn render_pass(
     workspace: &mut Workspace,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Counters {
-    let recipe = Recipe::new(scene, settings);
+    let mut recipe = Recipe::new(scene, settings);
+    recipe.emission = workspace.emission.get_or_insert_with(|| Emission::learn(&recipe)).clone();
     let mut counters = Counters::default();
     let count = samples.end - samples.start;
     for (done, sample) in samples.enumerate() {
@@ -49,6 +53,8 @@ pub fn render_pass(
 pub struct Workspace {
     batches: Vec<Batch>,
     grid: Grid,
+    /// Learnt by the first pass from the scene and the settings.
+    pub(super) emission: Option<Option<Arc<Emission>>>,
 }
 
 /// One sample of every pixel.
@@ -77,7 +83,7 @@ impl Iteration<'_, '_> {
     fn render(&self, film: &mut Film, workspace: &mut Workspace, progress: &(dyn Fn(f64) + Sync)) -> Counters {
         let recipe = self.recipe;
         let mut counters = Counters::default();
-        let Workspace { batches, grid } = workspace;
+        let Workspace { batches, grid, .. } = workspace;
         let mut eta = 0.0;
         // With merging, all light comes before the first camera path.
         if recipe.settings.merging == Merging::Off {

@@ -346,7 +346,7 @@ impl Pilot<'_, '_> {
             let Some(si) = scene.intersect(&mut walks[0].ray) else {
                 let light = if hide { Rgb::BLACK } else { scene.environment_radiance(walks[0].ray.d) };
                 if !light.is_black() {
-                    let (direct, emit) = escape_densities(scene, walks[0].from, walks[0].ray.d);
+                    let (direct, emit) = escape_densities(full, walks[0].from, walks[0].ray.d);
                     walks.iter_mut().for_each(|w| w.depth += 1);
                     self.meet(&walks, light, (direct, emit), &mut cell);
                 }
@@ -361,7 +361,7 @@ impl Pilot<'_, '_> {
             let from = walks[0].from;
             walks.iter_mut().for_each(|w| w.arrive(&si));
             if emitter {
-                let densities = hit_densities(scene, &si, from);
+                let densities = hit_densities(full, &si, from);
                 self.meet(&walks, scene.emitted(&si, si.wo), densities, &mut cell);
             }
             if walks[0].depth >= full.max_depth {

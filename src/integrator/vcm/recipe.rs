@@ -1,8 +1,12 @@
+use std::sync::Arc;
+
+use super::emission::Emission;
 use super::radius::automatic_radius;
 use super::weights::Mis;
 use crate::bsdf::{LobeMask, may_have};
 use crate::geometry::SurfaceInteraction;
 use crate::integrator::MaxDepth;
+use crate::math::Vec3;
 use crate::scene::Scene;
 
 /// Where light vertices are merged with camera vertices.
@@ -39,6 +43,8 @@ pub struct VcmSettings {
     pub initial_radius: Option<f32>,
     /// A radius that was fitted is multiplied by this.
     pub radius_scale: f32,
+    /// A short pilot finds where light paths should start, and whether that is worth its rays; see [`super::render_pass`].
+    pub guided_emission: bool,
     /// Counts merges for less where they share a camera path [Grittmann 2021].
     pub correlation_aware: bool,
     /// A short pilot decides which techniques are worth their cost; see [`super::choose_techniques`].
@@ -60,6 +66,7 @@ impl Default for VcmSettings {
             alpha: 2.0 / 3.0,
             initial_radius: None,
             radius_scale: 1.0,
+            guided_emission: true,
             correlation_aware: false,
             efficiency_aware: false,
         }
@@ -111,6 +118,8 @@ pub struct Recipe<'s> {
     pub first_radius: f64,
     /// 1 when vertices are connected.
     pub connect: f64,
+    /// Where light paths start, if that is guided.
+    pub(super) emission: Option<Arc<Emission>>,
     classes: Vec<SurfaceClass>,
 }
 
@@ -151,6 +160,7 @@ impl<'s> Recipe<'s> {
             light_paths: w as u64 * h as u64,
             first_radius,
             connect: settings.connect as u8 as f64,
+            emission: None,
             classes,
         }
     }
@@ -158,6 +168,13 @@ impl<'s> Recipe<'s> {
     /// The same with other techniques.
     pub(super) fn with(&self, settings: VcmSettings) -> Self {
         Self { settings, ..self.clone() }
+    }
+
+    /// Density of light paths from light `index` that start at `p` along `w`, `n` being the light's normal, relative to that
+    /// of `sample_le`.
+    #[inline(always)]
+    pub(super) fn emission_density(&self, index: usize, p: Vec3, n: Vec3, w: Vec3) -> f64 {
+        self.emission.as_ref().map_or(1.0, |e| e.density(self.scene, index, p, n, w))
     }
 
     /// Whether light leaves vertices for anybody.
