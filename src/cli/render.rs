@@ -242,6 +242,13 @@ fn print_summary(scene: &Scene, s: &Summary, seconds: f64, loaded: f64, outputs:
             100.0 * c.acceptance
         ));
     }
+    if let Some(g) = s.light_paths.filter(|g| g.noise_times_rays.is_finite()) {
+        print(&format!(
+            "light paths        {}: noise x rays {:.2} times as high with guided starts, by a pilot",
+            if g.used { "guided" } else { "not guided" },
+            g.noise_times_rays
+        ));
+    }
     print(&format!(
         "memory             {} geometry, {} ray queries, {} photons",
         bytes(scene.geometry.memory()),

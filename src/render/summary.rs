@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::Plan;
 use crate::film::Film;
+use crate::integrator::vcm::Guidance;
 use crate::shoot::{AimCounts, Chains, EnergyBalance, Shot, Target};
 use crate::tally::Counters;
 
@@ -89,6 +90,8 @@ pub struct Summary {
     pub interrupted: bool,
     /// Only with a firefly clamp.
     pub clamp: Option<ClampSummary>,
+    /// Only of the bidirectional methods, where a light can be guided.
+    pub light_paths: Option<Guidance>,
     /// The render's own estimate of its relMSE, where the plan tracks the error.
     pub estimated_relmse: Option<f64>,
 }

@@ -12,6 +12,7 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 use super::camera_path::{LightField, radiance};
 use super::light_path::{Collect, LightSink, LightWalk, trace};
@@ -142,6 +143,15 @@ impl Starts {
     }
 }
 
+/// What a pilot says of guiding where light paths start.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Guidance {
+    /// Light paths are guided.
+    pub used: bool,
+    /// Noise × rays of a sample with guided light paths over that without.
+    pub noise_times_rays: f64,
+}
+
 /// Densities of the starts of light paths, by light.
 #[derive(Debug)]
 pub(super) struct Emission {
@@ -169,9 +179,12 @@ impl Emission {
         starts.density(scene.lights[index].start_numbers(&scene.light_context(), p, n, w)) as f64
     }
 
-    /// Learns the starts that matter to the light image of `recipe`; `None` where guiding them would not pay.
-    pub fn learn(recipe: &Recipe) -> Option<Arc<Self>> {
-        Self::try_out(recipe).filter(|(_, ratio)| *ratio < LEAST_GAIN).map(|(emission, _)| emission)
+    /// Learns the starts that matter to the light image of `recipe`; `None` where guiding them would not pay, or nothing can
+    /// be guided.
+    pub fn learn(recipe: &Recipe) -> (Option<Arc<Self>>, Option<Guidance>) {
+        let Some((emission, noise_times_rays)) = Self::try_out(recipe) else { return (None, None) };
+        let guidance = Guidance { used: noise_times_rays < LEAST_GAIN, noise_times_rays };
+        (guidance.used.then_some(emission), Some(guidance))
     }
 
     /// What it would be, with its noise times rays over those without; `None` where there is nothing to guide.
@@ -398,4 +411,28 @@ fn trimmed(mut values: Vec<f64>) -> f64 {
     let Some(last) = values.len().checked_sub(1) else { return 0.0 };
     let most = values[last - (TRIMMED * values.len() as f64) as usize];
     values.iter().map(|v| v.min(most)).sum::<f64>() / values.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::scenes::{DISTANT, load};
+    use super::super::{Workspace, render_pass};
+    use super::*;
+    use crate::film::Film;
+
+    /// A render tells what its pilot found, and has none where it is not asked for.
+    #[test]
+    fn guidance_is_told() {
+        let scene = load("orthographic", DISTANT);
+        for asked in [true, false] {
+            let settings = VcmSettings { guided_emission: asked, ..VcmSettings::bdpt() };
+            let mut film = Film::new(scene.camera.window(), scene.film.filter);
+            let mut workspace = Workspace::default();
+            render_pass(&scene, &settings, 1, 0..1, &mut film, &mut workspace, &|_| ());
+            let guidance = workspace.guidance();
+            assert_eq!(guidance.is_some(), asked);
+            assert!(guidance.is_none_or(|g| g.used == (g.noise_times_rays < LEAST_GAIN) && g.noise_times_rays > 0.0));
+            assert_eq!(workspace.emission.flatten().is_some(), guidance.is_some_and(|g| g.used));
+        }
+    }
 }

@@ -23,6 +23,7 @@ mod tests;
 mod weights;
 
 pub use efficiency::{Technique, TechniqueChoice, choose_techniques};
+pub use emission::Guidance;
 pub use pass::{Workspace, render_pass};
 pub use radius::{automatic_radius, radius_sq_ratio};
 pub use recipe::{Merging, Recipe, VcmSettings};

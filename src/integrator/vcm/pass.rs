@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::camera_path::{LightField, radiance};
 use super::correlation::Link;
-use super::emission::Emission;
+use super::emission::{Emission, Guidance};
 use super::grid::{Grid, Photon};
 use super::light_path::{Collect, LightSink, LightVertex, trace};
 use super::{Merging, Recipe, VcmSettings};
@@ -36,7 +36,11 @@ pub fn render_pass(
     progress: &(dyn Fn(f64) + Sync),
 ) -> Counters {
     let mut recipe = Recipe::new(scene, settings);
-    recipe.emission = workspace.emission.get_or_insert_with(|| Emission::learn(&recipe)).clone();
+    if workspace.emission.is_none() {
+        let (emission, guidance) = Emission::learn(&recipe);
+        (workspace.emission, workspace.guidance) = (Some(emission), guidance);
+    }
+    recipe.emission = workspace.emission.clone().flatten();
     let mut counters = Counters::default();
     let count = samples.end - samples.start;
     for (done, sample) in samples.enumerate() {
@@ -55,6 +59,14 @@ pub struct Workspace {
     grid: Grid,
     /// Learnt by the first pass from the scene and the settings.
     pub(super) emission: Option<Option<Arc<Emission>>>,
+    guidance: Option<Guidance>,
+}
+
+impl Workspace {
+    /// What the first pass found of guiding light paths, if there is something to guide.
+    pub fn guidance(&self) -> Option<Guidance> {
+        self.guidance
+    }
 }
 
 /// One sample of every pixel.

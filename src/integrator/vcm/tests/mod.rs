@@ -1,6 +1,6 @@
 //! Weights against brute force: every technique's density of a full path, multiplied up vertex by vertex.
 
-mod scenes;
+pub(super) mod scenes;
 
 use std::f64::consts::PI;
 
