@@ -4,7 +4,7 @@ pub(super) mod scenes;
 
 use std::f64::consts::PI;
 
-use scenes::{DISTANT, FINITE, load};
+use scenes::{DISTANT, FINITE, load, load_calm};
 
 use super::camera_path::{CameraWalk, connection_sums, escape_densities, hit_densities, next_event_sums};
 use super::correlation::{self, Link, Trails};
@@ -663,12 +663,12 @@ fn weights_are_those_of_brute_force_where_photons_are_shared_out() {
     check_all(&load("orthographic", &DISTANT.replacen("</emitter>", share, 1)));
 }
 
-/// Guided light paths leave the picture's mean where it is, for lamps, points, the sun and a sky alike: 16 seeds each; five
-/// standard errors, which one of 10⁴ right programs would miss.
+/// Guided light paths leave the picture's mean where it is, for lamps, points, the sun and a sky alike: 32 seeds each; five
+/// standard errors, together at most 2 %, which one of 10⁴ right programs would miss.
 #[test]
 fn guided_emission_keeps_the_mean() {
     for (sensor, lights) in [("perspective", FINITE), ("orthographic", DISTANT)] {
-        let scene = load(sensor, lights);
+        let scene = load_calm(sensor, lights);
         let settings = VcmSettings { merging: Merging::Off, ..VcmSettings::default() };
         let (emission, _) = Emission::try_out(&Recipe::new(&scene, &settings)).expect("lights that can be guided");
         let means = |emission: Option<_>| -> Vec<f64> {
@@ -681,7 +681,7 @@ fn guided_emission_keeps_the_mean() {
                 let pixels = (0..256).map(|i| image.pixel(i % 16, i / 16).mean() as f64);
                 pixels.sum::<f64>() / 256.0
             };
-            (1..=16).map(mean).collect()
+            (1..=32).map(mean).collect()
         };
         let estimate = |values: Vec<f64>| {
             let n = values.len() as f64;
@@ -690,6 +690,6 @@ fn guided_emission_keeps_the_mean() {
         };
         let ((plain, a), (guided, b)) = (estimate(means(None)), estimate(means(Some(emission))));
         let off = (plain - guided).abs() / (a + b).sqrt();
-        assert!(off < 5.0 && (a + b).sqrt() < 0.01 * plain, "{sensor}: {plain}, guided {guided}, {off}");
+        assert!(off < 5.0 && (a + b).sqrt() < 0.004 * plain, "{sensor}: {plain}, guided {guided}, {off}");
     }
 }

@@ -4,21 +4,13 @@ use std::path::Path;
 
 use crate::scene::{LoadOptions, Scene};
 
+fn shape(kind: &str, place: &str, bsdf: &str) -> String {
+    format!(r#"<shape type="{kind}"><transform name="to_world">{place}</transform>{bsdf}</shape>"#)
+}
+
 /// Surfaces of every kind in front of the camera, and lights.
 pub fn load(sensor: &str, lights: &str) -> Scene {
-    let shape = |kind: &str, place: &str, bsdf: &str| {
-        format!(r#"<shape type="{kind}"><transform name="to_world">{place}</transform>{bsdf}</shape>"#)
-    };
-    let diffuse = r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.9"/></bsdf></bsdf>"#;
-    let shapes = [
-        shape("rectangle", r#"<translate z="-1"/>"#, diffuse),
-        shape("rectangle", r#"<rotate x="1" angle="-90"/><translate y="-1"/>"#, r#"<bsdf type="plastic"/>"#),
-        shape("rectangle", r#"<rotate y="1" angle="90"/><translate x="-1"/>"#, diffuse),
-        shape(
-            "rectangle",
-            r#"<rotate y="1" angle="-90"/><translate x="1"/>"#,
-            r#"<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>"#,
-        ),
+    let things = [
         shape(
             "rectangle",
             r#"<scale value="0.5"/><translate x="-0.4" z="0.6"/>"#,
@@ -43,12 +35,35 @@ pub fn load(sensor: &str, lights: &str) -> Scene {
           <bsdf type="diffuse"/></bsdf>"#,
         ),
     ];
+    scene(sensor, &(walls("plastic") + &things.concat()), lights)
+}
+
+/// Surfaces that gather no light from afar into a point, so that no few samples make up the picture, and lights.
+pub fn load_calm(sensor: &str, lights: &str) -> Scene {
+    let ball = shape("sphere", r#"<scale value="0.4"/><translate x="-0.3" y="-0.4"/>"#, r#"<bsdf type="diffuse"/>"#);
+    scene(sensor, &(walls("diffuse") + &ball), lights)
+}
+
+/// Walls behind, below (of the given kind), left and right.
+fn walls(floor: &str) -> String {
+    let diffuse = r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.9"/></bsdf></bsdf>"#;
+    let floor = format!(r#"<bsdf type="{floor}"/>"#);
+    let rough = r#"<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>"#;
+    [
+        shape("rectangle", r#"<translate z="-1"/>"#, diffuse),
+        shape("rectangle", r#"<rotate x="1" angle="-90"/><translate y="-1"/>"#, &floor),
+        shape("rectangle", r#"<rotate y="1" angle="90"/><translate x="-1"/>"#, diffuse),
+        shape("rectangle", r#"<rotate y="1" angle="-90"/><translate x="1"/>"#, rough),
+    ]
+    .concat()
+}
+
+fn scene(sensor: &str, shapes: &str, lights: &str) -> Scene {
     let text = format!(
         r#"<scene version="3.0.0"><sensor type="{sensor}"><transform name="to_world">
         <lookat origin="0, 0.2, 4" target="0, 0, 0" up="0, 1, 0"/></transform>
         <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film></sensor>
-        {}{lights}</scene>"#,
-        shapes.concat()
+        {shapes}{lights}</scene>"#
     );
     Scene::from_text(&text, Path::new("test.xml"), &LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"))
 }
