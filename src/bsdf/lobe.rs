@@ -242,6 +242,20 @@ impl Kind {
         }
     }
 
+    /// True when there are at most two directions to choose from.
+    #[inline]
+    pub fn is_discrete(&self) -> bool {
+        matches!(
+            self,
+            Self::Mirror(_)
+                | Self::Dielectric(_)
+                | Self::ThinReflection(_)
+                | Self::ThinTransmission(_)
+                | Self::PlasticCoat(_)
+                | Self::Null
+        )
+    }
+
     /// True when the lobe can send light to the other side of the surface.
     #[inline]
     pub fn transmits(&self) -> bool {

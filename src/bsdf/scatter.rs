@@ -177,6 +177,33 @@ impl Bsdf {
         }
     }
 
+    /// All that delta and null lobes can do with what comes from `wo`: every sample's weight is the whole share that goes its
+    /// way, not divided by the probability of the choice.
+    #[inline]
+    pub fn discrete_choices(&self, wo: Vec3, u: Vec2, mode: Mode) -> impl Iterator<Item = BsdfSample> {
+        let (normals, lobes) = match self {
+            Self::Black | Self::Diffuse(_) => (None, &[][..]),
+            Self::Single(s) => (Some(&s.normals), std::slice::from_ref(&s.lobe)),
+            Self::Layers(l) => (Some(&l.normals), l.lobes()),
+        };
+        let discrete = lobes.iter().filter(|lobe| !lobe.class.intersects(LobeMask::SMOOTH));
+        normals.into_iter().flat_map(move |normals| {
+            discrete.clone().flat_map(move |lobe| {
+                // The lower numbers reflect, the upper ones go through.
+                let sample = |u_lobe| lobe.sample(normals, wo, u_lobe, u, mode);
+                let low = sample(0.0);
+                let two = lobe.kind.is_discrete() && lobe.class != LobeMask::NULL;
+                let high = if two { sample(1.0) } else { None };
+                let high = high.filter(|h| low.is_none_or(|l| l.transmit != h.transmit));
+                let whole = |s: BsdfSample| {
+                    let p = if lobe.kind.is_discrete() { s.pdf } else { 1.0 };
+                    BsdfSample { weight: s.weight * p, ..s }
+                };
+                low.into_iter().chain(high).map(whole)
+            })
+        })
+    }
+
     /// Estimate of the share of power arriving from `wo` that the lobes of `mask` scatter; exact for diffuse and delta.
     pub fn albedo(&self, wo: Vec3, mask: LobeMask) -> Rgb {
         match self {

@@ -1,3 +1,4 @@
+use super::branches::{Discrete, Place};
 use super::{MaxDepth, roulette, specular_bounce};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::camera::CameraRay;
@@ -83,11 +84,12 @@ impl LobeWalk {
         let mut depth = 0u32;
         let max_depth = self.max_depth.unwrap_or(u32::MAX);
         let mut hide = self.hide_emitters;
+        let mut discrete = Discrete::start(scene);
         while depth < max_depth {
             // Find the next surface; what leaves the scene sees the environment.
             counters.camera_rays += 1;
             let Some(hit) = scene.hit(&mut ray) else {
-                if !hide {
+                if !hide && !discrete.counted() {
                     sights.light(beta * scene.environment_radiance(ray.d));
                 }
                 break;
@@ -99,7 +101,9 @@ impl LobeWalk {
                     ray = Ray { tmax: ray.tmax, ..si.spawn_ray(ray.d) };
                     continue;
                 }
-                sights.light(beta * scene.emitted(&si, si.wo));
+                if !discrete.counted() {
+                    sights.light(beta * scene.emitted(&si, si.wo));
+                }
             }
             hide = false;
             depth += 1;
@@ -116,9 +120,14 @@ impl LobeWalk {
             if !bsdf.lobes().intersects(LobeMask::SPECULAR) {
                 break;
             }
-            let Some((next, weight, eta_crossed)) = specular_bounce(&si, &bsdf, sampler) else { break };
-            beta *= weight;
-            eta *= eta_crossed;
+            let place = Place { si: &si, bsdf: &bsdf, beta, eta, depth, max_depth: self.max_depth };
+            if let Some(light) = discrete.split(scene, &place, sampler, counters) {
+                sights.light(light);
+            }
+            let Some((next, s)) = specular_bounce(&si, &bsdf, sampler) else { break };
+            discrete.leave(s.lobe);
+            beta *= s.weight;
+            eta *= s.eta;
             ray = next;
             if !roulette(&mut beta, eta, depth, self.rr_depth, sampler) {
                 break;

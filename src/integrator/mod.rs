@@ -1,5 +1,6 @@
 //! Recipes: how the pieces below make the radiance of one camera ray.
 
+mod branches;
 mod direct;
 mod lobe_walk;
 mod path;
@@ -13,7 +14,7 @@ pub use photonmapper::{Layer, LayerView, PhotonMapper, PhotonMapperSettings};
 pub use sppm::{Sppm, SppmSettings};
 pub use vcm::VcmSettings;
 
-use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::bsdf::{Bsdf, BsdfSample, LobeMask, Mode};
 use crate::camera::CameraRay;
 use crate::color::Rgb;
 use crate::geometry::{Ray, SurfaceInteraction};
@@ -62,8 +63,8 @@ fn roulette(beta: &mut Rgb, eta: f32, depth: u32, rr_depth: u32, sampler: &mut S
 
 /// Continues a path through the specular and sharp glossy lobes.
 #[inline]
-fn specular_bounce(si: &SurfaceInteraction, bsdf: &Bsdf, sampler: &mut Sampler) -> Option<(Ray, Rgb, f32)> {
+fn specular_bounce(si: &SurfaceInteraction, bsdf: &Bsdf, sampler: &mut Sampler) -> Option<(Ray, BsdfSample)> {
     let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
     let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SPECULAR)?;
-    Some((si.spawn_ray(s.wi), s.weight, s.eta))
+    Some((si.spawn_ray(s.wi), s))
 }

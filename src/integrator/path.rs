@@ -1,5 +1,6 @@
 //! Unidirectional path tracing with next-event estimation and multiple importance sampling: the reference.
 
+use super::branches::{Discrete, Place};
 use super::{CameraSample, Integrator, MaxDepth, roulette};
 use crate::bsdf::{LobeMask, Mode};
 use crate::color::Rgb;
@@ -46,11 +47,12 @@ impl Integrator for Path {
         let mut depth = 0u32;
         let max_depth = self.max_depth.unwrap_or(u32::MAX);
         let mut hide = self.hide_emitters;
+        let mut discrete = Discrete::start(scene);
         while depth < max_depth {
             // Find the next surface; what leaves the scene sees the environment.
             counters.camera_rays += 1;
             let Some(hit) = scene.hit(&mut ray) else {
-                if !hide {
+                if !hide && !discrete.counted() {
                     let weight = if previous.delta {
                         1.0
                     } else {
@@ -68,7 +70,7 @@ impl Integrator for Path {
                     continue;
                 }
                 let emitted = scene.emitted(&si, si.wo);
-                if !emitted.is_black() {
+                if !emitted.is_black() && !discrete.counted() {
                     let weight = if previous.delta {
                         1.0
                     } else {
@@ -87,11 +89,14 @@ impl Integrator for Path {
             if bsdf.lobes().intersects(LobeMask::SMOOTH) {
                 radiance += beta * sample_direct(scene, &si, &bsdf, LobeMask::ALL, 1.0, sampler, counters);
             }
+            let place = Place { si: &si, bsdf: &bsdf, beta, eta, depth, max_depth: self.max_depth };
+            radiance += discrete.split(scene, &place, sampler, counters).unwrap_or(Rgb::BLACK);
             // Choose the next direction.
             let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
             let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL) else {
                 break;
             };
+            discrete.leave(s.lobe);
             beta *= s.weight;
             eta *= s.eta;
             previous = Previous { p: si.p, pdf: s.pdf, delta: !s.lobe.intersects(LobeMask::SMOOTH) };

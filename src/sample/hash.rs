@@ -28,6 +28,8 @@ pub enum Purpose {
     Boundary = 12,
     /// Which connections of bidirectional methods are worth a shadow ray.
     Connection = 13,
+    /// Which branches of a camera path that splits are worth following.
+    Branch = 14,
 }
 
 /// A bijective 64-bit mixer with full avalanche (the finaliser of SplitMix64 [Steele et al. 2014]).

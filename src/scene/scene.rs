@@ -70,6 +70,7 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// The light at infinity that escaping rays see.
     pub environment: Option<u32>,
+    pub(super) visible_lights: bool,
     /// Picks lights by their power.
     pub selector: LightSelector,
     /// Picks the lights that emit photons and light paths; as `selector` where the scene file says nothing of their shares.
@@ -104,6 +105,11 @@ impl Scene {
     pub fn from_text(text: &str, path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
         let doc = Document::parse(text, path, &ParseOptions { defines: options.defines.clone() })?;
         load::load(&doc, options)
+    }
+
+    /// Whether rays can meet a light.
+    pub fn has_visible_lights(&self) -> bool {
+        self.visible_lights
     }
 
     /// The nearest surface along `ray`, as [`hit`](Self::hit) finds it.

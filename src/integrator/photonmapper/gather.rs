@@ -102,9 +102,9 @@ impl PhotonMapper<'_> {
             if !bsdf.lobes().intersects(LobeMask::SPECULAR) {
                 break;
             }
-            let Some((next, weight, eta_crossed)) = specular_bounce(&hit, &bsdf, sampler) else { break };
-            beta *= weight;
-            eta *= eta_crossed;
+            let Some((next, s)) = specular_bounce(&hit, &bsdf, sampler) else { break };
+            beta *= s.weight;
+            eta *= s.eta;
             ray = next;
             if !roulette(&mut beta, eta, depth, self.settings.rr_depth, sampler) {
                 break;

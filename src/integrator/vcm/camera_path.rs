@@ -12,6 +12,7 @@ use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::camera::CameraRay;
 use crate::color::Rgb;
 use crate::geometry::{Ray, SurfaceInteraction};
+use crate::integrator::branches::{Discrete, Place};
 use crate::integrator::roulette;
 use crate::light::LightLi;
 use crate::math::Vec3;
@@ -35,6 +36,8 @@ pub(super) struct CameraWalk {
     pub first_pdf: f64,
     /// How it left the last vertex.
     pub last: Scattered,
+    /// What of the lights that it meets is counted elsewhere.
+    discrete: Discrete,
 }
 
 impl CameraWalk {
@@ -54,6 +57,7 @@ impl CameraWalk {
             parallel,
             first_pdf: pdf as f64,
             last: Scattered::default(),
+            discrete: if recipe.settings.camera_paths { Discrete::start(recipe.scene) } else { Discrete::Over },
         }
     }
 
@@ -98,6 +102,7 @@ impl CameraWalk {
     ) -> bool {
         let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
         let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL) else { return false };
+        self.discrete.leave(s.lobe);
         self.beta *= s.weight;
         self.eta *= s.eta;
         let merge = if recipe.mergeable(si) { eta } else { 0.0 };
@@ -144,7 +149,7 @@ pub(super) fn radiance(
         // Find the next surface; what leaves the scene sees the environment.
         counters.camera_rays += 1;
         let Some(hit) = scene.hit(&mut walk.ray) else {
-            if !hide {
+            if !hide && !walk.discrete.counted() {
                 sum += escaped(recipe, &mut walk, (field.eta, &links));
             }
             break;
@@ -161,7 +166,7 @@ pub(super) fn radiance(
             correlation::arrive_from_camera(recipe, &mut links, &walk, &si);
         }
         walk.arrive(&si);
-        if emitter {
+        if emitter && !walk.discrete.counted() {
             sum += met_light(recipe, &walk, &si, from, (field.eta, &links));
         }
         if walk.depth >= recipe.max_depth || !recipe.settings.camera_paths {
@@ -190,6 +195,9 @@ pub(super) fn radiance(
                 sum += walk.beta * merged / recipe.light_paths as f32;
             }
         }
+        let max_depth = recipe.settings.max_depth;
+        let place = Place { si: &si, bsdf: &bsdf, beta: walk.beta, eta: walk.eta, depth: walk.depth, max_depth };
+        sum += walk.discrete.split(scene, &place, sampler, counters).unwrap_or(Rgb::BLACK);
         if !walk.scatter(recipe, &si, &bsdf, field.eta, sampler) {
             break;
         }

@@ -162,6 +162,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         accel,
         shape_materials: placed.materials,
         shape_lights,
+        visible_lights: lights.iter().any(|l| !l.is_delta()),
         lights,
         environment,
         photon_selector: photon_aims.selector(&selector),
