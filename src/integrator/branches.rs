@@ -2,13 +2,14 @@
 //!
 //! A path that picks one way at each interface meets the image of a small lamp behind a chain of unlikely ways now and then, and
 //! brings its whole radiance: a bright pixel that passes do not average out. Light that comes from an emitter by discrete choices
-//! alone is therefore summed over a tree of both ways, as Whitted's ray tracing does, from the first vertex with two of them; the
-//! path itself goes on with one for everything else. Branches that carry little end by Russian roulette: those that survive
-//! weigh [`LEAST`] of what came to the first vertex. As reflection and transmission share what there is, a tree has at most
-//! 1/[`LEAST`] branches of the same length on average.
+//! alone is therefore summed over all ways, as in Whitted's ray tracing, from the first vertex with two of them. The path itself
+//! goes one of them, for everything else and for this light with the share that it has; branches go the others. Branches that carry little end by Russian roulette: those that survive
+//! weigh a set share of what came to the first vertex. As reflection and transmission share what there is, a tree has at most
+//! as many branches of one length, on average, as that share goes into 1. The share is the smaller the brighter the lights are
+//! beside what they light ([`Scene::light_contrast`]); where they are hardly brighter nothing is split.
 
 use super::MaxDepth;
-use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::bsdf::{Bsdf, BsdfSample, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::{Ray, SurfaceInteraction};
 use crate::sample::{Purpose, Sampler, mix64};
@@ -16,17 +17,30 @@ use crate::scene::Scene;
 use crate::shoot::survival;
 use crate::tally::Counters;
 
-/// Branches below this share of the path that split are left to Russian roulette.
+/// Branches below this share of the path that split are always left to Russian roulette.
 const LEAST: f32 = 0.1;
 
-/// What has become of the light that comes to the camera by discrete choices alone.
+/// A light counts as bright that is so many times as bright as what the scene's lights make of white surfaces.
+const BRIGHT: f32 = 20.0;
+
+/// Follows the light that comes to the camera by discrete choices alone.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Discrete {
+    state: State,
+    /// What lights that the path meets now count: the probability of its choices since it split.
+    share: f32,
+    /// Branches that carry less are left to Russian roulette.
+    least: f32,
+    bits: u64,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Discrete {
-    /// The path has made no other choice, and has not split: lights that it meets count.
+enum State {
+    /// The path has made discrete choices only, none of them between two ways.
     Whole,
-    /// It split: what it meets by discrete choices is in the tree.
+    /// It went one way, and branches went the others.
     Split,
-    /// It made another choice since, or cannot meet a light: everything counts.
+    /// It has made another choice, or no light is bright enough.
     Over,
 }
 
@@ -43,36 +57,125 @@ pub(super) struct Place<'a> {
 }
 
 impl Discrete {
+    /// At the camera.
+    #[inline(always)]
     pub fn start(scene: &Scene) -> Self {
-        if scene.has_visible_lights() { Self::Whole } else { Self::Over }
+        let state = if scene.light_contrast() > BRIGHT { State::Whole } else { State::Over };
+        Self { state, ..Self::off() }
     }
 
-    /// Whether a light that is met now has been counted.
+    /// Never splits.
     #[inline(always)]
-    pub fn counted(self) -> bool {
-        self == Self::Split
+    pub fn off() -> Self {
+        Self { state: State::Over, share: 1.0, least: 0.0, bits: 0 }
     }
 
-    /// The light of the tree, if this is where the path splits. To be asked at every vertex before it scatters.
+    /// What a light counts that the path meets now; branches have found the rest.
     #[inline(always)]
-    pub fn split(&mut self, scene: &Scene, at: &Place, sampler: &Sampler, counters: &mut Counters) -> Option<Rgb> {
-        if *self != Self::Whole || !at.bsdf.lobes().intersects(!LobeMask::SMOOTH) {
-            return None;
-        }
-        if at.bsdf.discrete_choices(at.si.wo, Default::default(), Mode::Radiance).nth(1).is_none() {
-            return None;
-        }
-        *self = Self::Split;
-        Some(tree(scene, at, sampler.bits_aside(Purpose::Branch), counters))
+    pub fn share(&self) -> f32 {
+        self.share
     }
 
-    /// Tells by which lobe the path went on.
+    /// Tells how the path goes on at a vertex, if it does; the light that branches into the other ways find, one estimate.
     #[inline(always)]
-    pub fn leave(&mut self, lobe: LobeMask) {
-        if lobe.intersects(LobeMask::SMOOTH) {
-            *self = Self::Over;
+    pub fn scatter(
+        &mut self,
+        scene: &Scene,
+        at: &Place,
+        chosen: Option<&BsdfSample>,
+        sampler: &Sampler,
+        counters: &mut Counters,
+    ) -> Rgb {
+        if self.state == State::Over {
+            return Rgb::BLACK;
         }
+        let mut light = Rgb::BLACK;
+        if at.bsdf.lobes().intersects(!LobeMask::SMOOTH) {
+            light = self.branch(scene, at, chosen, sampler, counters);
+        }
+        if chosen.is_none_or(|s| s.lobe.intersects(LobeMask::SMOOTH)) {
+            *self = Self::off();
+        }
+        light
     }
+
+    #[inline(never)]
+    fn branch(
+        &mut self,
+        scene: &Scene,
+        at: &Place,
+        chosen: Option<&BsdfSample>,
+        sampler: &Sampler,
+        counters: &mut Counters,
+    ) -> Rgb {
+        if self.state == State::Whole {
+            if at.bsdf.discrete_choices(at.si.wo, Default::default(), Mode::Radiance).nth(1).is_none() {
+                return Rgb::BLACK;
+            }
+            self.state = State::Split;
+            self.least = LEAST.max(BRIGHT / scene.light_contrast()) * at.beta.max_channel() * at.eta * at.eta;
+            self.bits = sampler.bits_aside(Purpose::Branch);
+        }
+        let mut waiting = Vec::new();
+        let followed = self.fork(&Place { beta: at.beta * self.share, ..*at }, chosen, &mut waiting);
+        self.share *= if followed { chosen.map_or(0.0, |s| s.pdf) } else { 0.0 };
+        let max_depth = at.max_depth.unwrap_or(u32::MAX);
+        let mut sum = Rgb::BLACK;
+        while let Some(Branch { mut ray, beta, eta, depth }) = waiting.pop() {
+            if depth >= max_depth {
+                continue;
+            }
+            counters.camera_rays += 1;
+            let Some(hit) = scene.hit(&mut ray) else {
+                sum += beta * scene.environment_radiance(ray.d);
+                continue;
+            };
+            let si = scene.interaction(&ray, &hit);
+            if scene.is_emitter(&si) {
+                sum += beta * scene.emitted(&si, si.wo);
+            }
+            if depth + 1 < max_depth {
+                let bsdf = scene.bsdf(&si);
+                let place = Place { si: &si, bsdf: &bsdf, beta, eta, depth: depth + 1, max_depth: at.max_depth };
+                self.fork(&place, None, &mut waiting);
+            }
+        }
+        sum
+    }
+
+    /// Sends branches all ways that are worth it, but the one that was chosen; tells whether that is among them.
+    fn fork(&mut self, at: &Place, chosen: Option<&BsdfSample>, waiting: &mut Vec<Branch>) -> bool {
+        let mut followed = false;
+        let u = [self.number(), self.number()];
+        for s in at.bsdf.discrete_choices(at.si.wo, u.into(), Mode::Radiance) {
+            if !followed && chosen.is_some_and(|c| is_same(&s, c)) {
+                followed = true;
+                continue;
+            }
+            let (mut beta, eta) = (at.beta * s.weight, at.eta * s.eta);
+            let largest = beta.max_channel() * eta * eta;
+            // Trapped without loss, it has to end some day.
+            let kept = (largest / self.least).min(1.0) * survival(largest, at.depth, u32::MAX);
+            if largest.is_nan() || self.number() >= kept {
+                continue;
+            }
+            beta *= 1.0 / kept;
+            waiting.push(Branch { ray: at.si.spawn_ray(s.wi), beta, eta, depth: at.depth });
+        }
+        followed
+    }
+
+    /// In [0, 1).
+    fn number(&mut self) -> f32 {
+        self.bits = mix64(self.bits.wrapping_add(0x9e37_79b9_7f4a_7c15));
+        (self.bits >> 40) as f32 * (1.0 / 16_777_216.0)
+    }
+}
+
+/// Whether the path made this choice: lobes of a blend may share a direction, and differ in what they send there.
+fn is_same(choice: &BsdfSample, chosen: &BsdfSample) -> bool {
+    let (a, b) = (choice.weight.mean(), chosen.weight.mean() * chosen.pdf);
+    choice.lobe == chosen.lobe && choice.wi == chosen.wi && (a - b).abs() <= 1e-4 * a
 }
 
 /// A way that is still to be gone.
@@ -81,55 +184,6 @@ struct Branch {
     beta: Rgb,
     eta: f32,
     depth: u32,
-}
-
-/// Radiance of the lights at the ends of all branches from `at` on, one estimate.
-#[inline(never)]
-fn tree(scene: &Scene, at: &Place, mut bits: u64, counters: &mut Counters) -> Rgb {
-    let mut next = || {
-        bits = mix64(bits.wrapping_add(0x9e37_79b9_7f4a_7c15));
-        (bits >> 40) as f32 * (1.0 / 16_777_216.0)
-    };
-    let max_depth = at.max_depth.unwrap_or(u32::MAX);
-    let least = LEAST * at.beta.max_channel() * at.eta * at.eta;
-    let mut sum = Rgb::BLACK;
-    let mut waiting = Vec::new();
-    let mut fork = |at: &Place, waiting: &mut Vec<Branch>| {
-        let u = [next(), next()];
-        for s in at.bsdf.discrete_choices(at.si.wo, u.into(), Mode::Radiance) {
-            let (mut beta, eta) = (at.beta * s.weight, at.eta * s.eta);
-            let largest = beta.max_channel() * eta * eta;
-            // Trapped without loss, it has to end some day.
-            let kept = (largest / least).min(1.0) * survival(largest, at.depth, u32::MAX);
-            if kept < 1.0 {
-                if next() >= kept {
-                    continue;
-                }
-                beta *= 1.0 / kept;
-            }
-            waiting.push(Branch { ray: at.si.spawn_ray(s.wi), beta, eta, depth: at.depth });
-        }
-    };
-    fork(at, &mut waiting);
-    while let Some(Branch { mut ray, beta, eta, depth }) = waiting.pop() {
-        if depth >= max_depth {
-            continue;
-        }
-        counters.camera_rays += 1;
-        let Some(hit) = scene.hit(&mut ray) else {
-            sum += beta * scene.environment_radiance(ray.d);
-            continue;
-        };
-        let si = scene.interaction(&ray, &hit);
-        if scene.is_emitter(&si) {
-            sum += beta * scene.emitted(&si, si.wo);
-        }
-        if depth + 1 < max_depth {
-            let bsdf = scene.bsdf(&si);
-            fork(&Place { si: &si, bsdf: &bsdf, beta, eta, depth: depth + 1, max_depth: at.max_depth }, &mut waiting);
-        }
-    }
-    sum
 }
 
 #[cfg(test)]
@@ -141,7 +195,7 @@ mod tests {
     use crate::sample::{Key, Sequence};
     use crate::scene::LoadOptions;
 
-    /// A ball in front of a lamp, a lamp behind the eye and a dim sky; a lamp is a small part of what a ray may meet.
+    /// A ball in front of a lamp, a lamp behind the eye, a dim sky, and something far away beside which the lamps are small.
     fn load(bsdf: &str) -> Scene {
         let text = format!(
             r#"<scene version="3.0.0"><sensor type="perspective"/>
@@ -150,6 +204,7 @@ mod tests {
                 <emitter type="area"><rgb name="radiance" value="2, 1, 1"/></emitter></shape>
             <shape type="sphere"><point name="center" x="9" y="0" z="-4"/><float name="radius" value="6"/>
                 <emitter type="area"><rgb name="radiance" value="90, 100, 80"/></emitter></shape>
+            <shape type="sphere"><point name="center" x="0" y="250" z="0"/></shape>
             <emitter type="constant"><rgb name="radiance" value="0.1"/></emitter></scene>"#
         );
         Scene::from_text(&text, Path::new("test.xml"), &LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"))
@@ -160,22 +215,30 @@ mod tests {
         Ray::new(o.as_vec3(), Vec3::new(0.2, 0.05, 1.0).normalize())
     }
 
-    /// Light at the end of a path that makes one choice at each vertex.
-    fn one_way(scene: &Scene, sampler: &mut Sampler) -> Rgb {
-        let (mut ray, mut beta) = (ray(scene), Rgb::WHITE);
-        for _ in 0..1000 {
-            let Some(si) = scene.intersect(&mut ray) else { return beta * scene.environment_radiance(ray.d) };
-            let emitted = beta * scene.emitted(&si, si.wo);
-            if !emitted.is_black() {
-                return emitted;
-            }
+    /// Light at the ends of a path that makes one choice at each vertex, and of its branches if it may have any; rays counted.
+    fn walk(scene: &Scene, mut discrete: Discrete, max_depth: MaxDepth, sampler: &mut Sampler) -> (Rgb, u64) {
+        let (mut ray, mut beta, mut eta, mut sum) = (ray(scene), Rgb::WHITE, 1.0, Rgb::BLACK);
+        let mut counters = Counters::default();
+        for depth in 1..=max_depth.unwrap_or(1000) {
+            counters.camera_rays += 1;
+            let Some(si) = scene.intersect(&mut ray) else {
+                sum += beta * scene.environment_radiance(ray.d) * discrete.share();
+                break;
+            };
+            sum += beta * scene.emitted(&si, si.wo) * discrete.share();
+            let bsdf = scene.bsdf(&si);
             let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-            let s = scene.bsdf(&si).sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL);
-            let Some(s) = s.filter(|s| !s.lobe.intersects(LobeMask::SMOOTH)) else { return Rgb::BLACK };
+            let chosen = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL);
+            let place = Place { si: &si, bsdf: &bsdf, beta, eta, depth, max_depth };
+            if max_depth.is_none_or(|d| depth < d) {
+                sum += discrete.scatter(scene, &place, chosen.as_ref(), sampler, &mut counters);
+            }
+            let Some(s) = chosen.filter(|s| !s.lobe.intersects(LobeMask::SMOOTH)) else { break };
             beta *= s.weight;
+            eta *= s.eta;
             ray = si.spawn_ray(s.wi);
         }
-        Rgb::BLACK
+        (sum, counters.camera_rays)
     }
 
     /// Mean and its variance of 20 000 estimates.
@@ -190,68 +253,59 @@ mod tests {
         (mean, (squares / TRIALS as f64 - mean * mean) / TRIALS as f64)
     }
 
-    /// The tree finds what single ways find, with less noise: within five standard errors, which a right program misses once
-    /// in 10⁵ runs.
+    /// Branches find what single ways find, with less noise: within five standard errors, which a right program misses once in
+    /// 10⁵ runs.
     #[test]
-    fn trees_have_the_mean_of_single_ways() {
+    fn branches_keep_the_mean() {
         let glass = r#"<bsdf type="dielectric"><rgb name="specular_transmittance" value="0.9, 1, 0.7"/></bsdf>"#;
-        for (name, bsdf) in [
-            ("glass", glass.to_string()),
-            ("pane", r#"<bsdf type="thindielectric"/>"#.to_string()),
-            ("mask", format!(r#"<bsdf type="mask"><float name="opacity" value="0.7"/>{glass}</bsdf>"#)),
-            (
-                "blend",
-                format!(
-                    r#"<bsdf type="blendbsdf"><float name="weight" value="0.4"/>{glass}<bsdf type="plastic"/></bsdf>"#
-                ),
-            ),
-            (
-                "equal",
-                r#"<bsdf type="dielectric"><float name="int_ior" value="1"/><float name="ext_ior" value="1"/></bsdf>"#
-                    .into(),
-            ),
+        let blend =
+            |a: &str, b: &str| format!(r#"<bsdf type="blendbsdf"><float name="weight" value="0.4"/>{a}{b}</bsdf>"#);
+        for (name, least_gain, bsdf) in [
+            ("glass", 5.0, glass.to_string()),
+            ("pane", 5.0, r#"<bsdf type="thindielectric"/>"#.to_string()),
+            ("mask", 5.0, format!(r#"<bsdf type="mask"><float name="opacity" value="0.7"/>{glass}</bsdf>"#)),
+            ("glass and plastic", 5.0, blend(glass, r#"<bsdf type="plastic"/>"#)),
+            ("the same twice", 5.0, blend(glass, glass)),
+            ("glass and metal", 1.5, blend(glass, r#"<bsdf type="conductor"/>"#)),
+            ("plastic", 1.0, r#"<bsdf type="plastic"/>"#.to_string()),
         ] {
             let scene = load(&bsdf);
-            let (single, a) = estimate(|sampler| one_way(&scene, sampler));
-            let mut ray = ray(&scene);
-            let si = scene.intersect(&mut ray).expect("the ball");
-            let bsdf = scene.bsdf(&si);
-            let place = Place { si: &si, bsdf: &bsdf, beta: Rgb::WHITE, eta: 1.0, depth: 1, max_depth: None };
-            let mut discrete = Discrete::start(&scene);
-            let mut counters = Counters::default();
-            let (split, b) = estimate(|sampler| {
-                discrete = Discrete::Whole;
-                discrete.split(&scene, &place, sampler, &mut counters).unwrap_or(Rgb::BLACK)
-            });
-            if name == "equal" {
-                assert!(discrete == Discrete::Whole && split == 0.0, "nothing to choose");
-                continue;
-            }
+            let (single, a) = estimate(|sampler| walk(&scene, Discrete::off(), None, sampler).0);
+            let (split, b) = estimate(|sampler| walk(&scene, Discrete::start(&scene), None, sampler).0);
             assert!((single - split).abs() <= 5.0 * (a + b).sqrt(), "{name}: {single} {split} {}", (a + b).sqrt());
-            assert!(b < 0.2 * a, "{name}: variances {a} {b}");
-            assert!(discrete.counted());
+            assert!(a >= least_gain * b, "{name}: variances {a} {b}");
         }
     }
 
-    /// Paths with a limit end at the same lights: here the lamp in front, seen through the ball by three edges, and all that is
-    /// mirrored by two.
+    /// A limit ends branches where it ends the path: after two edges light comes from where the ball mirrors to, or from nothing.
     #[test]
     fn limits_count_edges() {
         let scene = load(r#"<bsdf type="dielectric"/>"#);
-        let mut ray = ray(&scene);
-        let si = scene.intersect(&mut ray).expect("the ball");
-        let bsdf = scene.bsdf(&si);
-        let mut sampler = Sampler::new(Sequence::Independent, Key::new(1, Purpose::Test, 0), 0);
-        let mut rays = |max_depth| {
-            let place =
-                Place { si: &si, bsdf: &bsdf, beta: Rgb::WHITE, eta: 1.0, depth: 1, max_depth: Some(max_depth) };
-            let mut counters = Counters::default();
-            let light = Discrete::Whole.split(&scene, &place, &mut sampler, &mut counters).expect("two ways");
-            (light.mean(), counters.camera_rays)
+        let rays = |max_depth| {
+            let mut total = 0;
+            let (light, _) = estimate(|sampler| {
+                let (light, rays) = walk(&scene, Discrete::start(&scene), Some(max_depth), sampler);
+                total += rays;
+                light
+            });
+            (light, total as f64 / 20_000.0)
         };
-        assert_eq!(rays(1), (0.0, 0));
-        let two = rays(2);
-        assert!((1..=2).contains(&two.1), "{two:?}");
-        assert!(rays(3).1 > two.1);
+        assert_eq!(rays(1), (0.0, 1.0));
+        let (two, three) = (rays(2), rays(3));
+        assert!(two.1 > 2.0 && two.1 <= 3.0 && three.1 > two.1, "{two:?} {three:?}");
+        let mirrored = estimate(|sampler| walk(&scene, Discrete::off(), Some(2), sampler).0);
+        assert!((mirrored.0 - two.0).abs() <= 5.0 * mirrored.1.sqrt(), "{mirrored:?} {two:?}");
+    }
+
+    /// Where lights are hardly brighter than what they light there is nothing to split for.
+    #[test]
+    fn an_even_sky_is_not_split_for() {
+        let sky = r#"<scene version="3.0.0"><sensor type="perspective"/>
+            <shape type="sphere"><point name="center" x="0" y="0" z="3"/><bsdf type="dielectric"/></shape>
+            <emitter type="constant"/></scene>"#;
+        let scene =
+            Scene::from_text(sky, Path::new("test.xml"), &LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+        assert!((scene.light_contrast() - 1.0).abs() < 1e-3, "{}", scene.light_contrast());
+        assert_eq!(Discrete::start(&scene).state, State::Over);
     }
 }

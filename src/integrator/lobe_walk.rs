@@ -32,6 +32,8 @@ pub(super) struct LobeWalk {
     pub max_depth: MaxDepth,
     pub rr_depth: u32,
     pub hide_emitters: bool,
+    /// Splits where that finds bright lights (see [`Discrete`]).
+    pub split: bool,
 }
 
 /// Sums what a path comes upon; `wide` gives the radiance that leaves surfaces with lobes that photons estimate.
@@ -84,13 +86,13 @@ impl LobeWalk {
         let mut depth = 0u32;
         let max_depth = self.max_depth.unwrap_or(u32::MAX);
         let mut hide = self.hide_emitters;
-        let mut discrete = Discrete::start(scene);
+        let mut discrete = if self.split { Discrete::start(scene) } else { Discrete::off() };
         while depth < max_depth {
             // Find the next surface; what leaves the scene sees the environment.
             counters.camera_rays += 1;
             let Some(hit) = scene.hit(&mut ray) else {
-                if !hide && !discrete.counted() {
-                    sights.light(beta * scene.environment_radiance(ray.d));
+                if !hide {
+                    sights.light(beta * scene.environment_radiance(ray.d) * discrete.share());
                 }
                 break;
             };
@@ -101,9 +103,7 @@ impl LobeWalk {
                     ray = Ray { tmax: ray.tmax, ..si.spawn_ray(ray.d) };
                     continue;
                 }
-                if !discrete.counted() {
-                    sights.light(beta * scene.emitted(&si, si.wo));
-                }
+                sights.light(beta * scene.emitted(&si, si.wo) * discrete.share());
             }
             hide = false;
             depth += 1;
@@ -121,11 +121,9 @@ impl LobeWalk {
                 break;
             }
             let place = Place { si: &si, bsdf: &bsdf, beta, eta, depth, max_depth: self.max_depth };
-            if let Some(light) = discrete.split(scene, &place, sampler, counters) {
-                sights.light(light);
-            }
-            let Some((next, s)) = specular_bounce(&si, &bsdf, sampler) else { break };
-            discrete.leave(s.lobe);
+            let chosen = specular_bounce(&si, &bsdf, sampler);
+            sights.light(discrete.scatter(scene, &place, chosen.as_ref().map(|c| &c.1), sampler, counters));
+            let Some((next, s)) = chosen else { break };
             beta *= s.weight;
             eta *= s.eta;
             ray = next;

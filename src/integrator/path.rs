@@ -1,4 +1,5 @@
-//! Unidirectional path tracing with next-event estimation and multiple importance sampling: the reference.
+//! Unidirectional path tracing with next-event estimation and multiple importance sampling: the reference. Bright lights seen
+//! in glass are found by a tree (see `branches.rs`).
 
 use super::branches::{Discrete, Place};
 use super::{CameraSample, Integrator, MaxDepth, roulette};
@@ -52,13 +53,13 @@ impl Integrator for Path {
             // Find the next surface; what leaves the scene sees the environment.
             counters.camera_rays += 1;
             let Some(hit) = scene.hit(&mut ray) else {
-                if !hide && !discrete.counted() {
+                if !hide {
                     let weight = if previous.delta {
                         1.0
                     } else {
                         power_heuristic(previous.pdf, scene.pdf_environment(previous.p, ray.d))
                     };
-                    radiance += beta * scene.environment_radiance(ray.d) * weight;
+                    radiance += beta * scene.environment_radiance(ray.d) * (weight * discrete.share());
                 }
                 break;
             };
@@ -70,13 +71,13 @@ impl Integrator for Path {
                     continue;
                 }
                 let emitted = scene.emitted(&si, si.wo);
-                if !emitted.is_black() && !discrete.counted() {
+                if !emitted.is_black() {
                     let weight = if previous.delta {
                         1.0
                     } else {
                         power_heuristic(previous.pdf, scene.pdf_direct(previous.p, &si))
                     };
-                    radiance += beta * emitted * weight;
+                    radiance += beta * emitted * (weight * discrete.share());
                 }
             }
             hide = false;
@@ -89,14 +90,12 @@ impl Integrator for Path {
             if bsdf.lobes().intersects(LobeMask::SMOOTH) {
                 radiance += beta * sample_direct(scene, &si, &bsdf, LobeMask::ALL, 1.0, sampler, counters);
             }
-            let place = Place { si: &si, bsdf: &bsdf, beta, eta, depth, max_depth: self.max_depth };
-            radiance += discrete.split(scene, &place, sampler, counters).unwrap_or(Rgb::BLACK);
             // Choose the next direction.
             let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-            let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL) else {
-                break;
-            };
-            discrete.leave(s.lobe);
+            let chosen = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL);
+            let place = Place { si: &si, bsdf: &bsdf, beta, eta, depth, max_depth: self.max_depth };
+            radiance += discrete.scatter(scene, &place, chosen.as_ref(), sampler, counters);
+            let Some(s) = chosen else { break };
             beta *= s.weight;
             eta *= s.eta;
             previous = Previous { p: si.p, pdf: s.pdf, delta: !s.lobe.intersects(LobeMask::SMOOTH) };

@@ -78,6 +78,11 @@ impl AreaLight {
         }
     }
 
+    /// Mean radiance over the surface, W·m⁻²·sr⁻¹.
+    pub(super) fn mean_radiance(&self) -> Rgb {
+        self.mean
+    }
+
     /// Area in square scene units.
     pub fn area(&self) -> f64 {
         self.area

@@ -142,6 +142,11 @@ impl EnvMap {
         Cell { col: col as u32, row: row as u32, f: Vec2::new(x - x0, fy) }
     }
 
+    /// The brightest pixel, the mean of its channels.
+    pub(super) fn peak(&self) -> f32 {
+        self.pixels.iter().map(|p| p.mean()).fold(0.0, f32::max)
+    }
+
     /// Radiance from the direction `d`, W·m⁻²·sr⁻¹.
     pub fn radiance(&self, d: Vec3) -> Rgb {
         self.radiance_in(self.cell(d))

@@ -48,7 +48,7 @@ pub struct LightContext<'a> {
 impl LightContext<'_> {
     /// Area of the disc through which a distant light reaches the scene, square scene units.
     #[inline(always)]
-    fn disc_area(&self) -> f64 {
+    pub fn disc_area(&self) -> f64 {
         let r = self.scene_sphere.1 as f64;
         std::f64::consts::PI * r * r
     }
@@ -233,6 +233,17 @@ impl Light {
             Light::Constant(l) => l.power(ctx),
             Light::EnvMap(l) => l.power(ctx),
             Light::Projector(l) => l.power(),
+        }
+    }
+
+    /// The most that a ray can meet, the mean of the channels (W·m⁻²·sr⁻¹); of a textured surface the mean over it. 0 for
+    /// lights that no ray meets.
+    pub fn peak_radiance(&self) -> f32 {
+        match self {
+            Light::Area(l) => l.mean_radiance().mean(),
+            Light::Constant(l) => l.radiance.mean(),
+            Light::EnvMap(l) => l.peak(),
+            Light::Point(_) | Light::Spot(_) | Light::Directional(_) | Light::Projector(_) => 0.0,
         }
     }
 

@@ -59,7 +59,7 @@ impl Session<'_> {
             shrink: radius_sq_ratio(self.next, settings.alpha) as f32,
             read: 1.0,
             shared: kept.shared.as_ref().zip(found.as_ref()),
-            visible_lights: scene.has_visible_lights(),
+            visible_lights: scene.lights.iter().any(|l| !l.is_delta()),
         };
         let seen = self.look_ahead(settings, &recipe, samples.clone(), control);
         let maps = self.pass_maps(settings, self.next, &kept.emitted, seen.as_deref(), control);

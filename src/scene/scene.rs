@@ -70,7 +70,7 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// The light at infinity that escaping rays see.
     pub environment: Option<u32>,
-    pub(super) visible_lights: bool,
+    pub(super) light_contrast: f32,
     /// Picks lights by their power.
     pub selector: LightSelector,
     /// Picks the lights that emit photons and light paths; as `selector` where the scene file says nothing of their shares.
@@ -107,9 +107,11 @@ impl Scene {
         load::load(&doc, options)
     }
 
-    /// Whether rays can meet a light.
-    pub fn has_visible_lights(&self) -> bool {
-        self.visible_lights
+    /// How much brighter than what its lights would make of the inside of the scene's sphere, were it white, the brightest of
+    /// them is that rays can meet: 1 for an even sky alone, thousands for a small lamp.
+    #[inline(always)]
+    pub fn light_contrast(&self) -> f32 {
+        self.light_contrast
     }
 
     /// The nearest surface along `ray`, as [`hit`](Self::hit) finds it.

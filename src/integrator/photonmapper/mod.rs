@@ -5,7 +5,7 @@
 //!
 //! | paths | estimator |
 //! |---|---|
-//! | `L S* E` | camera path |
+//! | `L S* E` | camera path; where it could go two ways, a tree of both |
 //! | `L D S* E` | shadow ray, with MIS against the gather ray that finds the light |
 //! | `L S⁺ D S* E` | caustic map at D |
 //! | `L (S\|D)* D S* D S* E` | gather ray from the last D through S* to a D, where the global map is read |
@@ -105,7 +105,7 @@ impl PhotonMapper<'_> {
     /// How camera paths go on to where photons are read.
     fn walk(&self) -> LobeWalk {
         let s = &self.settings;
-        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters }
+        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters, split: true }
     }
 
     /// Radiance that leaves `si` through lobes that photons estimate, over paths of at most `edges` edges more.

@@ -7,7 +7,7 @@
 //!
 //! | paths | estimator |
 //! |---|---|
-//! | `L S* E` | camera path |
+//! | `L S* E` | camera path; where it could go two ways, a tree of both |
 //! | `L D S* E` | shadow ray, with MIS against a ray that the lobes at D chose |
 //! | `L S⁺ D S* E` | caustic photons at D |
 //! | `L (S\|D)* D S* D S* E` | indirect photons at the last D |
@@ -179,7 +179,7 @@ impl Integrator for Sppm<'_> {
 impl Sppm<'_> {
     fn walk(&self) -> LobeWalk {
         let s = &self.settings;
-        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters }
+        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters, split: true }
     }
 
     /// Squared radius within which a pixel is read in this pass, scene units.

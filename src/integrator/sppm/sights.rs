@@ -7,6 +7,7 @@ use crate::bsdf::LobeMask;
 use crate::color::Rgb;
 use crate::gather::takes_in;
 use crate::integrator::CameraSample;
+use crate::integrator::lobe_walk::LobeWalk;
 use crate::math::{Bounds3, Vec3};
 use crate::photon::{Photon, morton_order};
 use crate::sample::Sampler;
@@ -37,7 +38,9 @@ impl Sppm<'_> {
     ) {
         let pixel = self.radii.index(sample.pixel);
         let radius_sq = std::array::from_fn(|kind| self.radius_sq(pixel, kind));
-        self.walk().radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
+        // Lights are of no interest here.
+        let walk = LobeWalk { split: false, ..self.walk() };
+        walk.radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
             let si = at.si;
             let both = at.bsdf.transmits(LobeMask::SMOOTH_WIDE);
             let side = (!both).then(|| si.wo.dot(si.ng) > 0.0);

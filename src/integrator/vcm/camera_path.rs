@@ -8,7 +8,7 @@ use super::grid::Grid;
 use super::light_path::LightVertex;
 use super::step::{CameraVertex, Scattered, cosine};
 use super::weights::{Mis, emitter_hit, side, weight};
-use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::bsdf::{Bsdf, BsdfSample, LobeMask, Mode};
 use crate::camera::CameraRay;
 use crate::color::Rgb;
 use crate::geometry::{Ray, SurfaceInteraction};
@@ -36,8 +36,10 @@ pub(super) struct CameraWalk {
     pub first_pdf: f64,
     /// How it left the last vertex.
     pub last: Scattered,
-    /// What of the lights that it meets is counted elsewhere.
+    /// What of the lights that it meets branches find.
     discrete: Discrete,
+    /// The direction in which it left the last vertex, and with what weight.
+    chosen: Option<BsdfSample>,
 }
 
 impl CameraWalk {
@@ -57,7 +59,8 @@ impl CameraWalk {
             parallel,
             first_pdf: pdf as f64,
             last: Scattered::default(),
-            discrete: if recipe.settings.camera_paths { Discrete::start(recipe.scene) } else { Discrete::Over },
+            discrete: Discrete::start(recipe.scene),
+            chosen: None,
         }
     }
 
@@ -101,8 +104,8 @@ impl CameraWalk {
         sampler: &mut Sampler,
     ) -> bool {
         let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-        let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL) else { return false };
-        self.discrete.leave(s.lobe);
+        self.chosen = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::ALL);
+        let Some(s) = self.chosen else { return false };
         self.beta *= s.weight;
         self.eta *= s.eta;
         let merge = if recipe.mergeable(si) { eta } else { 0.0 };
@@ -149,8 +152,8 @@ pub(super) fn radiance(
         // Find the next surface; what leaves the scene sees the environment.
         counters.camera_rays += 1;
         let Some(hit) = scene.hit(&mut walk.ray) else {
-            if !hide && !walk.discrete.counted() {
-                sum += escaped(recipe, &mut walk, (field.eta, &links));
+            if !hide {
+                sum += escaped(recipe, &mut walk, (field.eta, &links)) * walk.discrete.share();
             }
             break;
         };
@@ -166,8 +169,8 @@ pub(super) fn radiance(
             correlation::arrive_from_camera(recipe, &mut links, &walk, &si);
         }
         walk.arrive(&si);
-        if emitter && !walk.discrete.counted() {
-            sum += met_light(recipe, &walk, &si, from, (field.eta, &links));
+        if emitter {
+            sum += met_light(recipe, &walk, &si, from, (field.eta, &links)) * walk.discrete.share();
         }
         if walk.depth >= recipe.max_depth || !recipe.settings.camera_paths {
             break;
@@ -197,8 +200,9 @@ pub(super) fn radiance(
         }
         let max_depth = recipe.settings.max_depth;
         let place = Place { si: &si, bsdf: &bsdf, beta: walk.beta, eta: walk.eta, depth: walk.depth, max_depth };
-        sum += walk.discrete.split(scene, &place, sampler, counters).unwrap_or(Rgb::BLACK);
-        if !walk.scatter(recipe, &si, &bsdf, field.eta, sampler) {
+        let goes_on = walk.scatter(recipe, &si, &bsdf, field.eta, sampler);
+        sum += walk.discrete.scatter(scene, &place, walk.chosen.as_ref(), sampler, counters);
+        if !goes_on {
             break;
         }
         if correlated {

@@ -162,7 +162,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         accel,
         shape_materials: placed.materials,
         shape_lights,
-        visible_lights: lights.iter().any(|l| !l.is_delta()),
+        light_contrast: light_contrast(&lights, &context),
         lights,
         environment,
         photon_selector: photon_aims.selector(&selector),
@@ -186,6 +186,14 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     };
     scene.place_lens();
     Ok(scene)
+}
+
+/// See [`Scene::light_contrast`].
+fn light_contrast(lights: &[Light], context: &LightContext) -> f32 {
+    let peak = lights.iter().map(Light::peak_radiance).fold(0.0, f32::max);
+    let power: f64 = lights.iter().map(|l| f64::from(l.power(context).mean())).sum();
+    let even = power / (4.0 * std::f64::consts::PI * context.disc_area());
+    if even > 0.0 { (f64::from(peak) / even) as f32 } else { 0.0 }
 }
 
 /// A sphere around the box, a little larger so that rounding leaves no corner outside.
