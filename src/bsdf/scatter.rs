@@ -32,6 +32,21 @@ pub struct BsdfSample {
     pub transmit: bool,
 }
 
+impl BsdfSample {
+    /// The weight of a discrete choice before it is divided by its probability.
+    #[inline]
+    fn undivided(self) -> Self {
+        Self { weight: self.weight * self.pdf, ..self }
+    }
+
+    /// Whether this, undivided, is the choice that `chosen` made: lobes of a blend may share a direction, and differ in what
+    /// they send there.
+    fn is_part_of(&self, chosen: &Self) -> bool {
+        let (a, b) = (self.weight.mean(), chosen.weight.mean() * chosen.pdf);
+        self.lobe == chosen.lobe && self.wi == chosen.wi && (a - b).abs() <= 1e-4 * a
+    }
+}
+
 /// A material at one point: everything looked up, sides decided for the `wo` of that point.
 #[derive(Clone, Copy, Debug)]
 #[allow(clippy::large_enum_variant)] // Copy without allocation; the small variants are written and read as such.
@@ -177,31 +192,66 @@ impl Bsdf {
         }
     }
 
-    /// All that delta and null lobes can do with what comes from `wo`: every sample's weight is the whole share that goes its
-    /// way, not divided by the probability of the choice.
+    /// Whether delta and null lobes may leave more than one way to go on.
     #[inline]
-    pub fn discrete_choices(&self, wo: Vec3, u: Vec2, mode: Mode) -> impl Iterator<Item = BsdfSample> {
-        let (normals, lobes) = match self {
-            Self::Black | Self::Diffuse(_) => (None, &[][..]),
-            Self::Single(s) => (Some(&s.normals), std::slice::from_ref(&s.lobe)),
-            Self::Layers(l) => (Some(&l.normals), l.lobes()),
+    pub fn has_discrete_ways(&self) -> bool {
+        let ways = |lobe: &Lobe| match lobe.kind {
+            _ if lobe.class.intersects(LobeMask::SMOOTH) => 0,
+            Kind::Dielectric(_) => 2,
+            _ => 1,
         };
-        let discrete = lobes.iter().filter(|lobe| !lobe.class.intersects(LobeMask::SMOOTH));
-        normals.into_iter().flat_map(move |normals| {
-            discrete.clone().flat_map(move |lobe| {
-                // The lower numbers reflect, the upper ones go through.
-                let sample = |u_lobe| lobe.sample(normals, wo, u_lobe, u, mode);
-                let low = sample(0.0);
-                let two = lobe.kind.is_discrete() && lobe.class != LobeMask::NULL;
-                let high = if two { sample(1.0) } else { None };
-                let high = high.filter(|h| low.is_none_or(|l| l.transmit != h.transmit));
-                let whole = |s: BsdfSample| {
-                    let p = if lobe.kind.is_discrete() { s.pdf } else { 1.0 };
-                    BsdfSample { weight: s.weight * p, ..s }
-                };
-                low.into_iter().chain(high).map(whole)
-            })
-        })
+        match self {
+            Self::Black | Self::Diffuse(_) => false,
+            Self::Single(s) => ways(&s.lobe) > 1,
+            Self::Layers(l) => l.lobes().iter().map(ways).sum::<u32>() > 1,
+        }
+    }
+
+    /// Shows all that delta and null lobes can do with what comes from `wo`, but for the way `chosen` that
+    /// [`sample`](Self::sample) went, and tells whether that is among them. Every sample's weight is the whole share that goes
+    /// its way, not divided by the probability of the choice.
+    pub fn other_discrete_ways(
+        &self,
+        wo: Vec3,
+        u: Vec2,
+        mode: Mode,
+        chosen: Option<&BsdfSample>,
+        mut show: impl FnMut(BsdfSample),
+    ) -> bool {
+        let chosen = chosen.filter(|c| !c.lobe.intersects(LobeMask::SMOOTH));
+        let (normals, lobes) = match self {
+            Self::Black | Self::Diffuse(_) => return false,
+            Self::Single(s) => (&s.normals, std::slice::from_ref(&s.lobe)),
+            Self::Layers(l) => (&l.normals, l.lobes()),
+        };
+        // What one lobe of two ways has left.
+        if let ([lobe @ Lobe { kind: Kind::Dielectric(_), .. }], Some(c)) = (lobes, chosen) {
+            let other = lobe.sample(normals, wo, if c.transmit { 0.0 } else { 1.0 }, u, mode);
+            other.filter(|s| s.transmit != c.transmit).map(BsdfSample::undivided).into_iter().for_each(show);
+            return true;
+        }
+        let mut found = false;
+        let mut see = |s: BsdfSample| match chosen {
+            Some(c) if !found && s.is_part_of(c) => found = true,
+            _ => show(s),
+        };
+        for lobe in lobes.iter().filter(|lobe| !lobe.class.intersects(LobeMask::SMOOTH)) {
+            match lobe.kind {
+                Kind::Dielectric(_) => {
+                    // The lower numbers reflect, the upper ones go through.
+                    let low = lobe.sample(normals, wo, 0.0, u, mode);
+                    let high = lobe.sample(normals, wo, 1.0, u, mode);
+                    let high = high.filter(|h| low.is_none_or(|l| l.transmit != h.transmit));
+                    low.into_iter().chain(high).map(BsdfSample::undivided).for_each(&mut see);
+                }
+                // One way, or one of many.
+                _ => {
+                    let s = lobe.sample(normals, wo, 0.0, u, mode);
+                    s.map(|s| if lobe.kind.is_discrete() { s.undivided() } else { s }).into_iter().for_each(&mut see);
+                }
+            }
+        }
+        found
     }
 
     /// Estimate of the share of power arriving from `wo` that the lobes of `mask` scatter; exact for diffuse and delta.
