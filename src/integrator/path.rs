@@ -1,5 +1,5 @@
 //! Unidirectional path tracing with next-event estimation and multiple importance sampling: the reference. Bright lights seen
-//! in glass are found by a tree (see `branches.rs`).
+//! in glass are found by branches (see `branches.rs`).
 
 use super::branches::{Discrete, Place};
 use super::{CameraSample, Integrator, MaxDepth, roulette};

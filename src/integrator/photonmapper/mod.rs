@@ -5,7 +5,7 @@
 //!
 //! | paths | estimator |
 //! |---|---|
-//! | `L S* E` | camera path; where it could go two ways, a tree of both |
+//! | `L S* E` | camera path, with branches where it could go two ways |
 //! | `L D S* E` | shadow ray, with MIS against the gather ray that finds the light |
 //! | `L S⁺ D S* E` | caustic map at D |
 //! | `L (S\|D)* D S* D S* E` | gather ray from the last D through S* to a D, where the global map is read |

@@ -7,7 +7,7 @@
 //!
 //! | paths | estimator |
 //! |---|---|
-//! | `L S* E` | camera path; where it could go two ways, a tree of both |
+//! | `L S* E` | camera path, with branches where it could go two ways |
 //! | `L D S* E` | shadow ray, with MIS against a ray that the lobes at D chose |
 //! | `L S⁺ D S* E` | caustic photons at D |
 //! | `L (S\|D)* D S* D S* E` | indirect photons at the last D |
