@@ -5,8 +5,8 @@
 //! alone is therefore summed over all ways, as in Whitted's ray tracing, from the first vertex with two of them. The path itself
 //! goes one of them, for everything else and for this light with the share that it has; branches go the others. Branches that
 //! carry little end by Russian roulette: those that survive weigh a set share of what came to the first vertex. As reflection
-//! and transmission share what there is, there are at most as many branches of one length, on average, as that share goes into
-//! 1. It is the smaller the brighter the lights are beside what they light ([`Scene::light_contrast`]); where they are hardly
+//! and transmission share what there is, there are at most as many branches of one length, on average, as the inverse of that
+//! share. It is the smaller the brighter the lights are beside what they light ([`Scene::light_contrast`]); where they are hardly
 //! brighter nothing is split.
 
 use super::MaxDepth;
