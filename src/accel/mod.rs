@@ -14,7 +14,7 @@ pub use bvh::{Bvh, Isa, Task, run};
 #[cfg(embree)]
 pub use embree::EmbreeAccel;
 
-use crate::geometry::{GeometrySet, Hit, Ray};
+use crate::geometry::{GeometrySet, Hit, Ray, Shape};
 
 /// True when this build can use Embree.
 pub fn embree_available() -> bool {
@@ -24,7 +24,8 @@ pub fn embree_available() -> bool {
 /// Which back end to build.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AccelKind {
-    /// Embree when it is built in and works on this machine, else the Rust BVH.
+    /// Embree when it is built in and works on this machine, else the Rust BVH; that one also where a scene is so small that it
+    /// [has no tree to walk](Bvh::suits).
     #[default]
     Auto,
     Embree,
@@ -104,10 +105,20 @@ impl Accel {
     /// Builds the back end `kind` over `set` as `options` ask.
     pub fn build_with(kind: AccelKind, options: AccelOptions, set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
         match kind {
+            AccelKind::Auto if Self::auto_is_bvh(&set) => Self::bvh(options, set),
             AccelKind::Auto => Self::embree(options, &set).or_else(|_| Self::bvh(options, set)),
             AccelKind::Embree => Self::embree(options, &set),
             AccelKind::Bvh => Self::bvh(options, set),
         }
+    }
+
+    fn auto_is_bvh(set: &GeometrySet) -> bool {
+        let shapes = set.top.iter().map(|&i| &set.shapes[i as usize]);
+        let (triangles, others) = shapes.fold((0, 0), |(triangles, others), shape| match shape {
+            Shape::Mesh(_) => (triangles + shape.primitives() as u64, others),
+            _ => (triangles, others + 1),
+        });
+        Bvh::suits(triangles, others, set.instances.len() as u64)
     }
 
     fn bvh(options: AccelOptions, set: Arc<GeometrySet>) -> Result<Accel, AccelError> {
@@ -168,6 +179,59 @@ impl Accel {
             #[cfg(embree)]
             Accel::Embree(a) => a.description(),
             Accel::Bvh(a) => a.description(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Instance, Sphere, TriangleMesh};
+    use crate::math::{Transform, Vec3};
+
+    /// So many triangles and spheres, and a placed copy of them all if there is to be one.
+    fn scene(triangles: u32, spheres: u32, placed: bool) -> Arc<GeometrySet> {
+        let corner = |i: u32| Vec3::new((i / 3) as f32, (i % 3) as f32, (i % 2) as f32);
+        let positions: Vec<Vec3> = (0..3 * triangles).map(corner).collect();
+        let indices = (0..triangles).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let mut shapes =
+            vec![Shape::Mesh(Arc::new(TriangleMesh { positions: positions.into(), indices, ..Default::default() }))];
+        let sphere = |i: u32| Sphere {
+            center: Vec3::splat(3.0 + i as f32),
+            radius: 1.0,
+            flip_normals: false,
+            uv: false,
+            to_world: Transform::IDENTITY,
+        };
+        shapes.extend((0..spheres).map(|i| Shape::Sphere(sphere(i))));
+        let top: Vec<u32> = (0..shapes.len() as u32).collect();
+        let groups = if placed { vec![top.clone()] } else { Vec::new() };
+        let instances = groups.iter().map(|_| Instance { group: 0, to_world: Transform::IDENTITY }).collect();
+        Arc::new(GeometrySet { shapes, top, groups, instances })
+    }
+
+    /// The Rust BVH takes scenes without a tree where it has vectors, Embree all others; whoever names one gets it.
+    #[test]
+    fn small_scenes_take_the_rust_bvh() {
+        let name = |kind, set: &Arc<GeometrySet>| Accel::build(kind, set.clone()).expect("a small scene").name();
+        let wide = matches!(Isa::detect(), Isa::Avx512 | Isa::Avx2);
+        let large = if embree_available() { "embree" } else { "bvh" };
+        let small = if wide { "bvh" } else { large };
+        for (triangles, spheres, placed, expected) in [
+            (2, 0, false, small),
+            (48, 2, false, small),
+            (0, 1, false, small),
+            (49, 0, false, large),
+            (2, 3, false, large),
+            (2, 0, true, large),
+            (0, 0, false, large),
+        ] {
+            let set = scene(triangles, spheres, placed);
+            assert_eq!(name(AccelKind::Auto, &set), expected, "{triangles} {spheres} {placed}");
+            assert_eq!(name(AccelKind::Bvh, &set), "bvh");
+            if embree_available() {
+                assert_eq!(name(AccelKind::Embree, &set), "embree");
+            }
         }
     }
 }

@@ -46,7 +46,7 @@ pub enum Command {
 /// The ray-query back end.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum AccelArg {
-    /// Embree where it is built in, else the Rust BVH.
+    /// Embree where it is built in, but the Rust BVH for up to 48 triangles and 2 other shapes; else the Rust BVH.
     #[default]
     Auto,
     Embree,

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::args::{AccelArg, InfoArgs};
 use super::{CliError, bytes, human, load_options, print};
-use crate::accel::embree_available;
+use crate::accel::{Bvh, embree_available};
 use crate::scene::{MeshPrediction, Prediction};
 
 /// Meshes that are told one by one.
@@ -31,7 +31,11 @@ pub fn run(a: &InfoArgs) -> Result<u8, CliError> {
         Some(text) => Prediction::from_text(&text, Path::new("mesh.xml"), &options)?,
         None => Prediction::read(&a.scene.scene, &options)?,
     };
-    let embree = a.scene.accel == AccelArg::Embree || (a.scene.accel == AccelArg::Auto && embree_available());
+    let others = prediction.shapes - prediction.meshes.len() as u64;
+    let embree = match a.scene.accel {
+        AccelArg::Auto => embree_available() && !Bvh::suits(prediction.triangles, others, prediction.instances),
+        chosen => chosen == AccelArg::Embree,
+    };
     let used = prediction.accel[usize::from(!embree)];
     let available_memory = available_memory();
     let report = Report {

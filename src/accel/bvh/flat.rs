@@ -21,6 +21,11 @@ const FLAT_TRIANGLES: usize = 48;
 /// Most analytic shapes beside them.
 const FLAT_SINGLES: usize = 4;
 
+/// Whether everything in a group is tested in place of walking a tree.
+pub(super) fn fits(triangles: u64, other_shapes: u64) -> bool {
+    triangles <= FLAT_TRIANGLES as u64 && other_shapes <= FLAT_SINGLES as u64 && triangles + other_shapes > 0
+}
+
 /// Sizes of groups, and of directions, between which nothing below overflows, or is lost below the normal numbers.
 const SIZES: std::ops::Range<f32> = 1e-9..1e9;
 /// How far rays may start from the origin in units of the farthest corner; others walk the tree.
@@ -191,8 +196,7 @@ impl Flat {
         }
         let count = |kind| refs.iter().filter(|r| r.kind() == kind).count();
         let (triangles, quadrics) = (count(KIND_TRIANGLE), count(KIND_QUADRIC));
-        let fits = triangles <= FLAT_TRIANGLES && quadrics <= FLAT_SINGLES && triangles + quadrics == refs.len();
-        if !fits || refs.is_empty() {
+        if !fits(triangles as u64, quadrics as u64) || triangles + quadrics < refs.len() {
             return None;
         }
         let corners: Vec<(u32, [Vec3; 3])> =

@@ -80,6 +80,13 @@ impl Bvh {
         Some(bvh)
     }
 
+    /// Whether a scene of so many primitives is searched faster than by Embree: everything is tested in place of walking a tree,
+    /// by wide enough vectors and with few shapes that need a test of their own (measured in `benches/RESULTS.md`).
+    pub fn suits(triangles: u64, other_shapes: u64, instances: u64) -> bool {
+        let wide = matches!(Isa::detect(), Isa::Avx512 | Isa::Avx2);
+        wide && instances == 0 && other_shapes <= 2 && flat::fits(triangles, other_shapes)
+    }
+
     /// The same tree searched with another instruction set; `None` when this processor does not have it.
     pub fn with_isa(self, isa: Isa) -> Option<Self> {
         isa.is_available().then_some(Self { isa, ..self })
