@@ -95,7 +95,7 @@ def measure(args, scene, folder):
     # The median of a few pilots.
     pilots = []
     for _ in range(5):
-        command = ["render", scene, "-o", folder / "pilot.exr", *common, "--integrator", "auto", "--spp", "1", "--json"]
+        command = ["render", scene, "-o", folder / "pilot.exr", *common, "--integrator", "auto", "--time", "0.01s", "--json"]
         told = json.loads(run(args, *command))
         pilots.append(next(p["seconds"] for p in told["phases"] if p["name"] == "choose integrator"))
     return times, own, told["choice"]["method"], sorted(pilots)[2]

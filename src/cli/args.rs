@@ -183,7 +183,7 @@ pub struct RenderArgs {
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
     /// Integrator, in place of the scene's: path, direct, photonmapper, ppm, sppm, ptracer, bdpt, vcm; or auto, which tries
-    /// path, sppm and vcm and goes on with the one that promises the least error.
+    /// path, sppm, vcm and, where those promise much work, photonmapper, and goes on with the one that promises the least error.
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// Samples per pixel, in place of the scene's.

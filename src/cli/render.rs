@@ -65,6 +65,8 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     let choice = choose(&mut scene, &overrides)?;
     if let Some(choice) = &choice {
         overrides.integrator = Some(choice.method.to_owned());
+        // So it was tried.
+        overrides.fresh_maps = true;
     }
     let choosing = started.elapsed().as_secs_f64() - loaded;
     let mut plan = Plan::new(&scene, &overrides)?;

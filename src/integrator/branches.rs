@@ -18,8 +18,10 @@ use crate::scene::Scene;
 use crate::shoot::survival;
 use crate::tally::Counters;
 
-/// Branches below this share of the path that split are always left to Russian roulette.
-const LEAST: f32 = 0.1;
+/// Branches below this share of the path that split are left to Russian roulette.
+pub(super) const LEAST: f32 = 0.1;
+/// The same where a camera sample costs much else, so that there are few of them.
+pub(super) const LEAST_OF_FEW: f32 = 0.03;
 
 /// A light counts as bright that is so many times as bright as what the scene's lights make of white surfaces.
 const BRIGHT: f32 = 20.0;
@@ -30,7 +32,7 @@ pub(super) struct Discrete {
     state: State,
     /// What lights that the path meets now count: the probability of its choices since it split.
     share: f32,
-    /// Branches that carry less are left to Russian roulette.
+    /// Branches that carry less are left to Russian roulette; until it splits, as a share of the path.
     least: f32,
     bits: u64,
 }
@@ -58,11 +60,11 @@ pub(super) struct Place<'a> {
 }
 
 impl Discrete {
-    /// At the camera.
+    /// At the camera; `least` is [`LEAST`] or [`LEAST_OF_FEW`].
     #[inline(always)]
-    pub fn start(scene: &Scene) -> Self {
+    pub fn start(scene: &Scene, least: f32) -> Self {
         let state = if scene.light_contrast() > BRIGHT { State::Whole } else { State::Over };
-        Self { state, ..Self::off() }
+        Self { state, least, ..Self::off() }
     }
 
     /// Never splits.
@@ -114,7 +116,7 @@ impl Discrete {
                 return Rgb::BLACK;
             }
             self.state = State::Split;
-            self.least = LEAST.max(BRIGHT / scene.light_contrast()) * at.beta.max_channel() * at.eta * at.eta;
+            self.least = self.least.max(BRIGHT / scene.light_contrast()) * at.beta.max_channel() * at.eta * at.eta;
             self.bits = sampler.bits_aside(Purpose::Branch);
         }
         let mut waiting = Vec::new();
@@ -260,7 +262,7 @@ mod tests {
         ] {
             let scene = load(&bsdf);
             let (single, a) = estimate(|sampler| walk(&scene, Discrete::off(), None, sampler).0);
-            let (split, b) = estimate(|sampler| walk(&scene, Discrete::start(&scene), None, sampler).0);
+            let (split, b) = estimate(|sampler| walk(&scene, Discrete::start(&scene, LEAST), None, sampler).0);
             assert!((single - split).abs() <= 5.0 * (a + b).sqrt(), "{name}: {single} {split} {}", (a + b).sqrt());
             assert!(a >= least_gain * b, "{name}: variances {a} {b}");
         }
@@ -273,7 +275,7 @@ mod tests {
         let rays = |max_depth| {
             let mut total = 0;
             let (light, _) = estimate(|sampler| {
-                let (light, rays) = walk(&scene, Discrete::start(&scene), Some(max_depth), sampler);
+                let (light, rays) = walk(&scene, Discrete::start(&scene, LEAST), Some(max_depth), sampler);
                 total += rays;
                 light
             });
@@ -295,6 +297,6 @@ mod tests {
         let scene =
             Scene::from_text(sky, Path::new("test.xml"), &LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
         assert!((scene.light_contrast() - 1.0).abs() < 1e-3, "{}", scene.light_contrast());
-        assert_eq!(Discrete::start(&scene).state, State::Over);
+        assert_eq!(Discrete::start(&scene, LEAST).state, State::Over);
     }
 }

@@ -32,8 +32,8 @@ pub(super) struct LobeWalk {
     pub max_depth: MaxDepth,
     pub rr_depth: u32,
     pub hide_emitters: bool,
-    /// Splits where that finds bright lights (see [`Discrete`]).
-    pub split: bool,
+    /// Splits where that finds bright lights, down to such a share of the path (see [`Discrete::start`]).
+    pub least: Option<f32>,
 }
 
 /// Sums what a path comes upon; `wide` gives the radiance that leaves surfaces with lobes that photons estimate.
@@ -86,7 +86,7 @@ impl LobeWalk {
         let mut depth = 0u32;
         let max_depth = self.max_depth.unwrap_or(u32::MAX);
         let mut hide = self.hide_emitters;
-        let mut discrete = if self.split { Discrete::start(scene) } else { Discrete::off() };
+        let mut discrete = self.least.map_or_else(Discrete::off, |least| Discrete::start(scene, least));
         while depth < max_depth {
             // Find the next surface; what leaves the scene sees the environment.
             counters.camera_rays += 1;

@@ -1,7 +1,7 @@
 //! Unidirectional path tracing with next-event estimation and multiple importance sampling: the reference. Bright lights seen
 //! in glass are found by branches (see `branches.rs`).
 
-use super::branches::{Discrete, Place};
+use super::branches::{Discrete, LEAST, Place};
 use super::{CameraSample, Integrator, MaxDepth, roulette};
 use crate::bsdf::{LobeMask, Mode};
 use crate::color::Rgb;
@@ -48,7 +48,7 @@ impl Integrator for Path {
         let mut depth = 0u32;
         let max_depth = self.max_depth.unwrap_or(u32::MAX);
         let mut hide = self.hide_emitters;
-        let mut discrete = Discrete::start(scene);
+        let mut discrete = Discrete::start(scene, LEAST);
         while depth < max_depth {
             // Find the next surface; what leaves the scene sees the environment.
             counters.camera_rays += 1;

@@ -64,6 +64,31 @@ const BLUR: f64 = 1.5;
 /// Pixels that err together as they see the same photons.
 const DISC: f64 = 30.0;
 
+/// Rays of the whole picture that the best of the others promises from which on `photonmapper` is tried too: its photons are as
+/// many on a small film, and trying it takes about a tenth of that.
+const RAYS_WORTH_MAPS: f64 = 2e7;
+
+/// So many times as much work as it promises the best of the others has to promise for it to be taken: its error ends somewhere,
+/// and rare bright samples, which a few samples a pixel do not meet, weigh more in it as it takes fewer.
+const MAPS_AHEAD: f64 = 1.5;
+
+/// It is not tried where so many rays are gathered for a camera sample, as there will be few of those.
+const MOST_GATHERED: u32 = 8;
+
+/// Share of its photons that are shot to try it, and within discs as much larger, so that as many are found.
+const MAP_SHARE: f64 = 0.0625;
+
+/// The method that promises most is looked at so many times longer, again and again, while that takes no more than this share
+/// of the rays that it promises: two passes tell little of what is rare.
+const LONGER: u64 = 4;
+const LONGER_LOOK: f64 = 0.02;
+
+/// Share of the goal that what its discs blur may take: passes do not take it away.
+const MOST_BLUR: f64 = 0.5;
+
+/// A photon's ray in closest-hit rays of the camera, where nothing is kept of it but the photon.
+const PHOTON_RAY: f64 = 0.7;
+
 /// What the pilot of one method found.
 #[derive(Clone, Debug, Serialize)]
 pub struct Trial {
@@ -106,8 +131,10 @@ pub struct Choice {
 /// be the same, `bdpt`. Each makes two passes or, on a small film, more. Their differences tell its noise, and its difference
 /// from the last, which can sample what the others can, tells light that it has not found. Where densities are estimated, the
 /// same samples see narrower discs once more: noise that this adds grows as radii shrink, and what it sharpens is blur. Where
-/// nothing focuses light and `path` promises to be done before the others have been tried, it is taken without them. Cost is
-/// counted in rays and look-ups rather than in seconds, so that the choice depends on the scene and the seed alone.
+/// nothing focuses light and `path` promises to be done before the others have been tried, it is taken without them; where all
+/// promise much work, `photonmapper` is tried as well, and taken if what it blurs stays below half of the goal and it promises
+/// much less work. The one that promises most is looked at longer where that takes little of what it promises. Cost is counted
+/// in rays and look-ups rather than in seconds, so that the choice depends on the scene and the seed alone.
 ///
 /// # Errors
 /// As [`Plan::new`].
@@ -122,15 +149,19 @@ pub fn choose(scene: &mut Scene, o: &PlanOverrides) -> Result<Option<Choice>, Pl
     }
     let merges = Recipe::new(scene, &VcmSettings::default()).settings.merging != Merging::Off;
     let widest = if merges { "vcm" } else { "bdpt" };
+    let mapper = PlanOverrides { integrator: Some("photonmapper".to_owned()), fresh_maps: true, ..o.clone() };
+    let mapper = Plan::new(scene, &mapper)?;
     // Look at a smaller film for so long.
     let (camera, film) = (scene.camera, scene.film);
     let window = film.window.shrunk(MOST_PIXELS);
     let o = &PlanOverrides { photons: photons(scene, window.pixels(), o)?, ..o.clone() };
     scene.camera = camera.with_film(window);
     (scene.film.window, scene.film.width, scene.film.height) = (window, window.crop_size.0, window.crop_size.1);
-    let pilots = pilots(scene, widest, o);
+    let pixels = film.window.pixels().max(1) as f64;
+    let race = Race { scene, o, mapper: &mapper, pixels };
+    let trials = race.pilots(widest).and_then(|pilots| race.run(pilots));
     (scene.camera, scene.film) = (camera, film);
-    Ok(Some(judge(&pilots?)))
+    Ok(Some(judge(trials?)))
 }
 
 /// Photons of a pass of `sppm` on a film of so many pixels: as many for each as on the film of `scene`.
@@ -143,35 +174,83 @@ fn photons(scene: &Scene, pixels: u64, o: &PlanOverrides) -> Result<Option<u64>,
     })
 }
 
-/// Tries the candidates on the film of `scene`, the one that can sample what all others can last.
-fn pilots(scene: &Scene, widest: &'static str, o: &PlanOverrides) -> Result<Vec<Pilot>, PlanError> {
-    // Where something focuses light, paths meet it by chance: look at more of them, as they cost little, before they are
-    // believed to find it.
-    let more = if widest == "bdpt" { 1 } else { MORE_PATHS };
-    let mut pilots = vec![Pilot::run(scene, "path", more, o)?];
-    // Path tracing meets all light that nothing focuses.
-    if widest == "bdpt" && judge(&pilots).trials[0].work_to_goal() <= OTHER_PILOTS {
-        return Ok(pilots);
-    }
-    for method in ["sppm", widest] {
-        pilots.push(Pilot::run(scene, method, 1, o)?);
-    }
-    Ok(pilots)
+/// What a choice is made for.
+struct Race<'a> {
+    /// On a small film.
+    scene: &'a Scene,
+    o: &'a PlanOverrides,
+    /// The plan of `photonmapper` on the whole film, and the pixels of that.
+    mapper: &'a Plan,
+    pixels: f64,
 }
 
-/// Compares all with the last.
-fn judge(pilots: &[Pilot]) -> Choice {
-    let guide = guide(pilots);
-    let trials: Vec<Trial> = pilots.iter().map(|p| p.against(pilots, &guide)).collect();
-    let best =
-        trials.iter().min_by(|a, b| a.work_to_goal().total_cmp(&b.work_to_goal())).expect("there are candidates");
+impl Race<'_> {
+    /// Tries the candidates, the one that can sample what all others can last.
+    fn pilots(&self, widest: &'static str) -> Result<Vec<Pilot>, PlanError> {
+        // Where something focuses light, paths meet it by chance: look at more of them, as they cost little, before they are
+        // believed to find it.
+        let more = if widest == "bdpt" { 1 } else { MORE_PATHS };
+        let mut pilots = vec![Pilot::run(self.scene, "path", more * first_passes(self.scene, "path"), self.o)?];
+        // Path tracing meets all light that nothing focuses.
+        if widest == "bdpt" && pilots[0].against(&pilots, &guide(&pilots)).work_to_goal() <= OTHER_PILOTS {
+            return Ok(pilots);
+        }
+        for method in ["sppm", widest] {
+            pilots.push(Pilot::run(self.scene, method, first_passes(self.scene, method), self.o)?);
+        }
+        Ok(pilots)
+    }
+
+    /// Compares all with the last. Tries `photonmapper` where that could save much work, and looks longer at the one that
+    /// promises most while that takes a small share of what it promises.
+    fn run(&self, mut pilots: Vec<Pilot>) -> Result<Vec<Trial>, PlanError> {
+        let fine = self.o.target_error.is_some_and(|error| error < GOAL);
+        let cheap = matches!(self.mapper.method, Method::PhotonMapper(s) if s.final_gather_samples <= MOST_GATHERED);
+        let mut maps: Option<Pilot> = None;
+        loop {
+            let guide = guide(&pilots);
+            let trials: Vec<Trial> = pilots.iter().chain(&maps).map(|p| p.against(&pilots, &guide)).collect();
+            let ahead = best(&trials);
+            let promised = trials[ahead].work_to_goal() * self.pixels;
+            if cheap && !fine && maps.is_none() && promised > RAYS_WORTH_MAPS {
+                maps = Some(Pilot::of_maps(self.scene, self.mapper, PASSES, self.pixels));
+                continue;
+            }
+            let pilot = pilots.iter().chain(&maps).nth(ahead).expect("there is a pilot for every trial");
+            let passes = LONGER * pilot.passes;
+            if !(pilot.rays * LONGER as f64 <= LONGER_LOOK * promised && promised.is_finite()) {
+                return Ok(trials);
+            }
+            match pilots.get_mut(ahead) {
+                Some(pilot) => *pilot = Pilot::run(self.scene, pilot.method, passes, self.o)?,
+                None => maps = Some(Pilot::of_maps(self.scene, self.mapper, passes, self.pixels)),
+            }
+        }
+    }
+}
+
+/// Passes that the pilot of a method makes at first.
+fn first_passes(scene: &Scene, method: &str) -> u64 {
+    // In a pass of `sppm` photons are many, however few the pixels.
+    if method == "sppm" { PASSES } else { PASSES.max(SAMPLES / scene.film.window.pixels().max(1)) }
+}
+
+/// The trial that promises the least work, by such work as `photonmapper` has to be ahead by.
+fn best(trials: &[Trial]) -> usize {
+    let work = |t: &Trial| t.work_to_goal() * if t.method == "photonmapper" { MAPS_AHEAD } else { 1.0 };
+    (0..trials.len()).min_by(|&a, &b| work(&trials[a]).total_cmp(&work(&trials[b]))).expect("there are candidates")
+}
+
+/// Takes the one that promises most.
+fn judge(trials: Vec<Trial>) -> Choice {
     let tell = |t: &Trial| match t.passes.is_finite() {
         true => format!("{} {:.3e}", t.method, t.work_to_goal()),
-        false => format!("{} does not find all light", t.method),
+        false if t.missing > LEAST_LIGHT || t.blur == 0.0 => format!("{} does not find all light", t.method),
+        false => format!("{} blurs too much", t.method),
     };
     let told: Vec<String> = trials.iter().map(tell).collect();
     let reason = format!("rays per pixel to relmse {GOAL}: {}", told.join(", "));
-    Choice { method: best.method, reason, trials: trials.clone() }
+    Choice { method: trials[best(&trials)].method, reason, trials }
 }
 
 /// The picture as far as it is known, squared, for errors to be relative to: medians of those methods whose pictures take the
@@ -218,8 +297,12 @@ fn smooth(image: &Image, reach: u32) -> Image {
 struct Pilot {
     method: &'static str,
     passes: u64,
+    /// Camera samples that a pass of the render takes of a pixel; one in the pilot.
+    samples: f64,
     work: f64,
     preparation: f64,
+    /// What the pilot itself took, in rays.
+    rays: f64,
     /// All pixels err by about the same factor, which a few passes do not tell.
     common_factor: bool,
     image: Image,
@@ -234,8 +317,10 @@ struct Pilot {
 
 /// What a pilot tells about estimates of density.
 struct Discs {
-    /// How fast they shrink, as in [`radius_sq_ratio`].
+    /// How fast they shrink, as in [`radius_sq_ratio`]: not at all where it is 1.
     alpha: f64,
+    /// The area of the first ones in the render over that of all in the pilot.
+    area: f64,
     /// Variance of one pass of the same samples and photons, read within half the area.
     narrow: Vec<Rgb>,
     /// Squares of the share of that which narrow radii blur less, without bias, so that some are below zero; and the variance
@@ -261,11 +346,7 @@ impl Discs {
 }
 
 impl Pilot {
-    /// Makes `more` times as many passes as are needed.
-    fn run(scene: &Scene, method: &'static str, more: u64, o: &PlanOverrides) -> Result<Self, PlanError> {
-        // In a pass of `sppm` photons are many, however few the pixels.
-        let passes = if method == "sppm" { PASSES } else { PASSES.max(SAMPLES / scene.film.window.pixels().max(1)) };
-        let passes = more * passes;
+    fn run(scene: &Scene, method: &'static str, passes: u64, o: &PlanOverrides) -> Result<Self, PlanError> {
         let overrides = PlanOverrides {
             integrator: Some(method.to_owned()),
             spp: Some(passes),
@@ -283,40 +364,93 @@ impl Pilot {
             Method::Vcm(v) if v.merging != Merging::Off => Some(v.alpha),
             _ => None,
         };
+        let pixels = scene.film.window.pixels().max(1) as f64;
+        let mut pilot = Self::of(scene, method, &plan, alpha, |c| work(c, &plan.method) / pixels);
+        if let Method::Sppm(s) = plan.method {
+            pilot.preparation += SETUP * pilot.work;
+            // As many paths as are seen, which scales all photons of a pass.
+            pilot.common_factor = s.photon_sampling == PhotonSampling::Visibility;
+        }
+        Ok(pilot)
+    }
+
+    /// Tries a plan of `photonmapper`, made for a film of `pixels`, on that of `scene`.
+    fn of_maps(scene: &Scene, plan: &Plan, passes: u64, pixels: f64) -> Self {
+        let samples = plan.spp_per_pass as f64;
+        let mut small = Plan {
+            passes: 0..passes,
+            spp_per_pass: 1,
+            spp: Some(passes),
+            track_error: true,
+            bias_every: Some(1),
+            bias_of_irradiance: false,
+            layers: Vec::new(),
+            target_error: None,
+            ..plan.clone()
+        };
+        if let Method::PhotonMapper(s) = &mut small.method {
+            for count in [&mut s.global_photons, &mut s.caustic_photons] {
+                *count = (*count as f64 * MAP_SHARE).ceil() as u64;
+            }
+            for radius in [&mut s.lookup.global_radius, &mut s.lookup.caustic_radius] {
+                *radius /= MAP_SHARE.sqrt() as f32;
+            }
+        }
+        let pilot_pixels = scene.film.window.pixels().max(1) as f64;
+        let mut pilot = Self::of(scene, "photonmapper", &small, Some(1.0), |c| {
+            // Samples are seen twice.
+            PHOTON_RAY * c.photon_rays as f64 / (MAP_SHARE * pixels) + samples * 0.5 * seen(c) / pilot_pixels
+        });
+        pilot.samples = samples;
+        if let Some(discs) = &mut pilot.discs {
+            discs.area *= MAP_SHARE;
+        }
+        pilot
+    }
+
+    /// Makes the passes of a plan; `cost` is that of what has been counted, per pixel of the render.
+    fn of(
+        scene: &Scene,
+        method: &'static str,
+        plan: &Plan,
+        alpha: Option<f64>,
+        cost: impl Fn(&Counters) -> f64,
+    ) -> Self {
+        let passes = plan.passes.end - plan.passes.start;
         let stop = AtomicBool::new(false);
         let control = Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent };
-        let mut session = Session::new(scene, &plan);
-        let pixels = session.image().pixels().len();
-        let mut narrow = NarrowSpread::new(pixels);
+        let mut session = Session::new(scene, plan);
+        let mut narrow = NarrowSpread::new(session.image().pixels().len());
         let mut works = Vec::new();
         while !session.finished() {
             session.step(&control);
             narrow.add(session.doubt().expect("the plan tracks its error"), &session.image());
-            works.push(work(&session.summary.counters, &plan.method) / pixels as f64);
+            works.push(cost(&session.summary.counters));
         }
         let (image, doubt) = (session.image(), session.doubt().expect("the plan tracks its error"));
         // The first pass also has what comes before it.
         let work = (works[works.len() - 1] - works[0]) / (works.len() - 1) as f64;
-        let setup = if matches!(plan.method, Method::Sppm(_)) { SETUP * work } else { 0.0 };
         let of_a_pass = |variance: Vec<Rgb>| -> Vec<Rgb> { variance.iter().map(|&v| v * passes as f32).collect() };
-        Ok(Self {
+        Self {
             method,
             passes,
-            // As many paths as are seen, which scales all photons of a pass.
-            common_factor: matches!(plan.method, Method::Sppm(s) if s.photon_sampling == PhotonSampling::Visibility),
+            samples: 1.0,
+            common_factor: false,
             work,
-            preparation: (works[0] - work).max(0.0) + setup,
+            preparation: (works[0] - work).max(0.0),
+            rays: session.summary.counters.photon_rays as f64 + seen(&session.summary.counters),
             noise: of_a_pass(doubt.variance().expect("two passes")),
             means: block_means(&image),
             variance: doubt.block_variance().expect("two passes"),
             discs: alpha.map(|alpha| Discs {
                 alpha,
+                area: mean_area(PASSES, alpha) / mean_area(passes, alpha),
                 narrow: of_a_pass(narrow.narrow.variance_of_mean().expect("two passes")),
                 sharper: narrow.sharper.squares_of_means().expect("two passes"),
                 noise: of_a_pass(narrow.sharper.variance_of_mean().expect("two passes")),
             }),
             image,
-        })
+        }
     }
 
     /// The picture over as few pixels as leave little noise, and how far that reaches.
@@ -340,7 +474,7 @@ impl Pilot {
     /// What this promises beside all, the widest last, with errors relative to `guide`.
     fn against(&self, all: &[Self], guide: &[[f64; 3]]) -> Trial {
         let widest = all.last().expect("there are candidates");
-        let noise = relative(&self.noise, guide.iter().copied());
+        let mut noise = relative(&self.noise, guide.iter().copied());
         let factor = if self.common_factor { factor(&self.means, &widest.means) } else { 1.0 };
         let mut offs = vec![0.0; self.variance.len()];
         for (i, off) in offs.iter_mut().enumerate() {
@@ -356,13 +490,23 @@ impl Pilot {
         let (mut photon_noise, mut blur, mut alpha) = (0.0, 0.0, 1.0);
         if let Some(discs) = &self.discs {
             photon_noise = (relative(&discs.narrow, guide.iter().copied()) - noise).clamp(0.0, noise);
-            blur = discs.blur(self.passes, guide);
+            if discs.alpha < 1.0 {
+                // Radii that have shrunk meanwhile add noise.
+                noise -= photon_noise * (1.0 - 1.0 / discs.area);
+                photon_noise /= discs.area;
+            }
+            blur = discs.blur(self.passes, guide) * discs.area.powf(BLUR);
             alpha = discs.alpha;
         }
+        // Samples of a pass see the same photons.
+        let of_samples = (noise - photon_noise) / self.samples;
+        noise = of_samples + photon_noise;
         let passes = match self.method {
-            "sppm" => passes_to_goal(noise - photon_noise, photon_noise, off.max(blur), alpha),
+            "sppm" => passes_to_goal(of_samples, photon_noise, off.max(blur), alpha),
+            "photonmapper" if blur > MOST_BLUR * GOAL => f64::INFINITY,
+            "photonmapper" => passes_to_goal(of_samples, photon_noise, blur, alpha),
             _ if off > LEAST_MISSING * GOAL || missing > LEAST_LIGHT => f64::INFINITY,
-            _ => passes_to_goal(noise - photon_noise, photon_noise, blur, alpha),
+            _ => passes_to_goal(of_samples, photon_noise, blur, alpha),
         };
         let (work, preparation) = (self.work, self.preparation);
         Trial { method: self.method, noise, photon_noise, blur, off, missing, work, preparation, passes }
@@ -479,16 +623,25 @@ fn passes_to_goal(noise: f64, photon_noise: f64, blur: f64, alpha: f64) -> f64 {
     high
 }
 
+/// The mean area of the discs of so many passes, by how noise goes with it, in units of that of the first.
+fn mean_area(passes: u64, alpha: f64) -> f64 {
+    passes as f64 / (0..passes).map(|i| 1.0 / radius_sq_ratio(i, alpha)).sum::<f64>()
+}
+
 /// Closest-hit rays that everything counted is worth, less what was seen a second time to tell the blur.
 fn work(c: &Counters, method: &Method) -> f64 {
     // Of eight scenes, 0.8 to 1.3 for a photon's ray and 0.5 to 2.3 for a look-up, shading included.
-    let photons = c.photon_rays as f64;
-    let seen = c.camera_rays as f64 + 0.7 * c.shadow_rays as f64 + 1.5 * c.photon_queries as f64;
+    let (photons, seen) = (c.photon_rays as f64, seen(c));
     match method {
         Method::Sppm(_) => photons + 0.5 * seen,
         Method::Vcm(v) if v.merging != Merging::Off => 0.5 * (photons + seen),
         _ => photons + seen,
     }
+}
+
+/// The part of it that is not of photons.
+fn seen(c: &Counters) -> f64 {
+    c.camera_rays as f64 + 0.7 * c.shadow_rays as f64 + 1.5 * c.photon_queries as f64
 }
 
 #[cfg(test)]
@@ -513,8 +666,10 @@ mod tests {
         Pilot {
             method,
             passes,
+            samples: 1.0,
             work,
             preparation: 0.0,
+            rays: 0.0,
             common_factor: false,
             image,
             noise,
@@ -551,6 +706,45 @@ mod tests {
         let blurred = goal(1e-6, 0.0, 0.05);
         assert!((radius_sq_ratio((blurred / 2.0) as u64, 2.0 / 3.0).powf(BLUR) * 0.05 / GOAL - 1.0).abs() < 0.05);
         assert_eq!(goal(1e-9, 0.0, 0.0).round(), 1.0);
+    }
+
+    /// What is told of radii that have shrunk is brought back to the first ones.
+    #[test]
+    fn discs_shrink_while_they_are_looked_at() {
+        assert_eq!((mean_area(1, 0.5), mean_area(9, 1.0)), (1.0, 1.0));
+        let (two, ratio) = (mean_area(2, 0.5), radius_sq_ratio(1, 0.5));
+        assert!((two - 2.0 / (1.0 + 1.0 / ratio)).abs() < 1e-12 && mean_area(8, 0.5) < two);
+    }
+
+    /// Fewer photons in larger discs are as noisy as all of them in discs as they are, within what a few passes tell; and a pass
+    /// has the noise of its samples and of the photons that they share.
+    #[test]
+    fn a_share_of_the_photons_tells_the_noise_of_all() {
+        let text = r#"<scene version="3.0.0"><sensor type="perspective">
+            <transform name="to_world"><lookat origin="0, 3, 5" target="0, 0.5, 0" up="0, 1, 0"/></transform>
+            <sampler type="independent"><integer name="sample_count" value="16"/></sampler>
+            <film type="hdrfilm"><integer name="width" value="64"/><integer name="height" value="64"/></film></sensor>
+            <shape type="rectangle"><transform name="to_world"><scale value="4"/><rotate x="1" angle="-90"/></transform></shape>
+            <shape type="sphere"><point name="center" x="0" y="1" z="0"/><bsdf type="dielectric"/></shape>
+            <shape type="sphere"><point name="center" x="1" y="5" z="0"/><float name="radius" value="0.5"/>
+                <emitter type="area"><rgb name="radiance" value="20"/></emitter></shape></scene>"#;
+        let scene = Scene::from_text(text, std::path::Path::new("test.xml"), &crate::scene::LoadOptions::default());
+        let scene = scene.unwrap_or_else(|e| panic!("{e}"));
+        let integrator = Some("photonmapper".to_owned());
+        let o =
+            PlanOverrides { integrator, fresh_maps: true, photons: Some(20_000), seed: Some(5), ..Default::default() };
+        let plan = Plan::new(&scene, &o).expect("a plan");
+        assert_eq!((plan.spp_per_pass, plan.passes.clone()), (2, 0..8));
+        let pixels = scene.film.window.pixels() as f64;
+        let told = Pilot::of_maps(&scene, &plan, 8, pixels);
+        let plan = Plan { track_error: true, ..plan };
+        let all =
+            Pilot::of(&scene, "photonmapper", &plan, None, |c| (PHOTON_RAY * c.photon_rays as f64 + seen(c)) / pixels);
+        let pilots = [all];
+        let guide = guide(&pilots);
+        let (told, all) = (told.against(&pilots, &guide), pilots[0].against(&pilots, &guide));
+        assert!((0.6..1.7).contains(&(told.noise / all.noise)), "{told:?} {all:?}");
+        assert!((0.8..1.25).contains(&(told.work / all.work)), "{told:?} {all:?}");
     }
 
     /// A picture that is too bright everywhere has no light missing; one that is dark in places has.

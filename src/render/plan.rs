@@ -72,6 +72,8 @@ pub struct PlanOverrides {
     pub track_bias: bool,
     /// As [`Plan::target_error`].
     pub target_error: Option<f64>,
+    /// Make the photon maps of `photonmapper` anew every few samples, also where nothing else asks for passes.
+    pub fresh_maps: bool,
     /// Multiplies the first radii that progressive methods measure once more.
     pub radius_scale: Option<f32>,
     /// As [`Plan::layers`].
@@ -138,6 +140,8 @@ pub struct Plan {
     /// In passes whose number this divides, read photon maps again, without precomputed irradiance and in half the area, to
     /// tell the bias of every pixel.
     pub bias_every: Option<u64>,
+    /// The bias told is also that of precomputed irradiance.
+    pub bias_of_irradiance: bool,
     /// The render ends when its own estimate of relMSE is below this.
     pub target_error: Option<f64>,
     /// What to show of the photon maps beside the picture.
@@ -185,7 +189,7 @@ impl Plan {
             },
             (_, Some(passes)) => (spp, spp.div_ceil(passes)),
             // New maps for each pass are worth having only where somebody asked for passes, time or error.
-            (Method::PhotonMapper(_), None) if !open && !o.track_error => (spp, spp),
+            (Method::PhotonMapper(_), None) if !open && !o.track_error && !o.fresh_maps => (spp, spp),
             // Short passes, so that a render can be stopped; powers of two keep the samples stratified.
             _ => (spp, (spp / 8).next_power_of_two().clamp(1, 16).min(spp)),
         };
@@ -211,6 +215,7 @@ impl Plan {
             clamp: o.clamp,
             track_error: o.track_error || o.track_bias || o.target_error.is_some(),
             bias_every: bias_every(&method, o),
+            bias_of_irradiance: true,
             target_error: o.target_error,
             layers: o.layers.clone(),
             method,

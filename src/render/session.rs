@@ -125,8 +125,8 @@ impl<'s> Session<'s> {
                     counters += self.summary.time("render layers", || layers.add_pass(scene, recipe, seed, range));
                 }
                 if tell_bias {
-                    let exact =
-                        maps.forget_irradiance().then(|| self.again(&settings, &maps, samples.clone(), control));
+                    let exact = (self.plan.bias_of_irradiance && maps.forget_irradiance())
+                        .then(|| self.again(&settings, &maps, samples.clone(), control));
                     maps.narrow();
                     let narrow = self.again(&settings, &maps, samples, control);
                     counters += narrow.1;

@@ -16,6 +16,7 @@ mod layers;
 
 pub use layers::{Layer, LayerView};
 
+use super::branches::LEAST_OF_FEW;
 use super::lobe_walk::LobeWalk;
 use super::{CameraSample, Integrator, MaxDepth};
 use crate::bsdf::{Bsdf, LobeMask};
@@ -105,7 +106,12 @@ impl PhotonMapper<'_> {
     /// How camera paths go on to where photons are read.
     fn walk(&self) -> LobeWalk {
         let s = &self.settings;
-        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters, split: true }
+        LobeWalk {
+            max_depth: s.max_depth,
+            rr_depth: s.rr_depth,
+            hide_emitters: s.hide_emitters,
+            least: Some(LEAST_OF_FEW),
+        }
     }
 
     /// Radiance that leaves `si` through lobes that photons estimate, over paths of at most `edges` edges more.

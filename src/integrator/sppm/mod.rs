@@ -37,6 +37,7 @@ pub use radii::{FoundPhotons, KINDS, PixelRadii, Radii, SharedStatistics};
 pub use schedule::{SharedRadius, radius_sq_ratio};
 pub use sights::{Sighting, Sightings};
 
+use super::branches::LEAST;
 use super::lobe_walk::LobeWalk;
 use super::{CameraSample, Integrator, MaxDepth};
 use crate::bsdf::{Bsdf, LobeMask};
@@ -179,7 +180,7 @@ impl Integrator for Sppm<'_> {
 impl Sppm<'_> {
     fn walk(&self) -> LobeWalk {
         let s = &self.settings;
-        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters, split: true }
+        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters, least: Some(LEAST) }
     }
 
     /// Squared radius within which a pixel is read in this pass, scene units.

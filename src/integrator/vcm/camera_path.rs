@@ -12,7 +12,7 @@ use crate::bsdf::{Bsdf, BsdfSample, LobeMask, Mode};
 use crate::camera::CameraRay;
 use crate::color::Rgb;
 use crate::geometry::{Ray, SurfaceInteraction};
-use crate::integrator::branches::{Discrete, Place};
+use crate::integrator::branches::{Discrete, LEAST, Place};
 use crate::integrator::roulette;
 use crate::light::LightLi;
 use crate::math::Vec3;
@@ -59,7 +59,7 @@ impl CameraWalk {
             parallel,
             first_pdf: pdf as f64,
             last: Scattered::default(),
-            discrete: Discrete::start(recipe.scene),
+            discrete: Discrete::start(recipe.scene, LEAST),
             chosen: None,
         }
     }
