@@ -64,18 +64,19 @@ const BLUR: f64 = 1.5;
 /// Pixels that err together as they see the same photons.
 const DISC: f64 = 30.0;
 
-/// Rays of the whole picture that the best of the others promises from which on `photonmapper` is tried too: its photons are as
-/// many on a small film, and trying it takes about a tenth of that.
+/// `photonmapper` is tried too where the best of the others promises more rays than this, all pixels together: trying it takes up
+/// to a tenth of that, as it needs many photons however small the film.
 const RAYS_WORTH_MAPS: f64 = 2e7;
 
-/// So many times as much work as it promises the best of the others has to promise for it to be taken: its error ends somewhere,
-/// and rare bright samples, which a few samples a pixel do not meet, weigh more in it as it takes fewer.
+/// `photonmapper` is taken where the others promise at least so many times its work: its error does not fall forever, and as it
+/// takes few samples a pixel, rare bright ones, which pilots hardly meet, weigh more in it.
 const MAPS_AHEAD: f64 = 1.5;
 
-/// It is not tried where so many rays are gathered for a camera sample, as there will be few of those.
+/// `photonmapper` is not tried where it gathers more rays than this for a camera sample: there will be few samples, and a pilot
+/// would take longer than the render.
 const MOST_GATHERED: u32 = 8;
 
-/// Share of its photons that are shot to try it, and within discs as much larger, so that as many are found.
+/// Share of its photons that `photonmapper` shoots in a pilot, where discs are as much larger, so that as many are found.
 const MAP_SHARE: f64 = 0.0625;
 
 /// The method that promises most is looked at so many times longer, again and again, while that takes no more than this share
@@ -83,7 +84,7 @@ const MAP_SHARE: f64 = 0.0625;
 const LONGER: u64 = 4;
 const LONGER_LOOK: f64 = 0.02;
 
-/// Share of the goal that what its discs blur may take: passes do not take it away.
+/// Share of the goal that the blur of `photonmapper` may take, since passes do not take it away.
 const MOST_BLUR: f64 = 0.5;
 
 /// A photon's ray in closest-hit rays of the camera, where nothing is kept of it but the photon.
@@ -106,7 +107,7 @@ pub struct Trial {
     /// Cost of a pass per pixel, in closest-hit rays, and that of what precedes the first.
     pub work: f64,
     pub preparation: f64,
-    /// Passes to a relMSE of 10⁻²; infinite where `off` or `missing` forbids it.
+    /// Passes to a relMSE of 10⁻²; infinite where `off` or `missing` forbids it, or blur that stays.
     pub passes: f64,
 }
 
@@ -149,8 +150,8 @@ pub fn choose(scene: &mut Scene, o: &PlanOverrides) -> Result<Option<Choice>, Pl
     }
     let merges = Recipe::new(scene, &VcmSettings::default()).settings.merging != Merging::Off;
     let widest = if merges { "vcm" } else { "bdpt" };
-    let mapper = PlanOverrides { integrator: Some("photonmapper".to_owned()), fresh_maps: true, ..o.clone() };
-    let mapper = Plan::new(scene, &mapper)?;
+    let integrator = Some("photonmapper".to_owned());
+    let mapper = Plan::new(scene, &PlanOverrides { integrator, fresh_maps: true, pass_range: None, ..o.clone() })?;
     // Look at a smaller film for so long.
     let (camera, film) = (scene.camera, scene.film);
     let window = film.window.shrunk(MOST_PIXELS);
@@ -166,7 +167,7 @@ pub fn choose(scene: &mut Scene, o: &PlanOverrides) -> Result<Option<Choice>, Pl
 
 /// Photons of a pass of `sppm` on a film of so many pixels: as many for each as on the film of `scene`.
 fn photons(scene: &Scene, pixels: u64, o: &PlanOverrides) -> Result<Option<u64>, PlanError> {
-    let plan = Plan::new(scene, &PlanOverrides { integrator: Some("sppm".to_owned()), ..o.clone() })?;
+    let plan = Plan::new(scene, &PlanOverrides { integrator: Some("sppm".to_owned()), pass_range: None, ..o.clone() })?;
     let share = pixels as f64 / scene.film.window.pixels().max(1) as f64;
     Ok(match plan.method {
         Method::Sppm(s) => Some(((s.photon_count as f64 * share) as u64).max(1)),
