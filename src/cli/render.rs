@@ -65,7 +65,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
     let choice = choose(&mut scene, &overrides)?;
     if let Some(choice) = &choice {
         overrides.integrator = Some(choice.method.to_owned());
-        // So it was tried.
+        // As the pilot took it: photon maps of their own for every pass.
         overrides.fresh_maps = true;
     }
     let choosing = started.elapsed().as_secs_f64() - loaded;

@@ -262,9 +262,11 @@ mod tests {
         ] {
             let scene = load(&bsdf);
             let (single, a) = estimate(|sampler| walk(&scene, Discrete::off(), None, sampler).0);
-            let (split, b) = estimate(|sampler| walk(&scene, Discrete::start(&scene, LEAST), None, sampler).0);
-            assert!((single - split).abs() <= 5.0 * (a + b).sqrt(), "{name}: {single} {split} {}", (a + b).sqrt());
-            assert!(a >= least_gain * b, "{name}: variances {a} {b}");
+            for least in [LEAST, LEAST_OF_FEW] {
+                let (split, b) = estimate(|sampler| walk(&scene, Discrete::start(&scene, least), None, sampler).0);
+                assert!((single - split).abs() <= 5.0 * (a + b).sqrt(), "{name}: {single} {split} {}", (a + b).sqrt());
+                assert!(a >= least_gain * b, "{name}: variances {a} {b}");
+            }
         }
     }
 

@@ -25,6 +25,9 @@ use parts::Parts;
 pub use simd::{Task, run};
 use wide::Tree;
 
+/// Most analytic shapes beside few triangles for [`Bvh::suits`].
+const FEW_SHAPES: u64 = 2;
+
 /// The Rust tree over all geometry of a scene; two levels deep where there are instances.
 #[derive(Debug)]
 pub struct Bvh {
@@ -84,7 +87,7 @@ impl Bvh {
     /// by wide enough vectors and with few shapes that need a test of their own (measured in `benches/RESULTS.md`).
     pub fn suits(triangles: u64, other_shapes: u64, instances: u64) -> bool {
         let wide = matches!(Isa::detect(), Isa::Avx512 | Isa::Avx2);
-        wide && instances == 0 && other_shapes <= 2 && flat::fits(triangles, other_shapes)
+        wide && instances == 0 && other_shapes <= FEW_SHAPES && flat::fits(triangles, other_shapes)
     }
 
     /// The same tree searched with another instruction set; `None` when this processor does not have it.
