@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use super::walk::{Deposit, Start};
 use super::{PATHS_PER_BATCH, ShootSettings};
 use crate::bsdf::{LobeMask, may_have};
+use crate::light::Light;
 use crate::math::{Vec2, Vec3};
 use crate::sample::{Cdf, Distribution2d, Key, Purpose, hash_u64};
 use crate::scene::Scene;
@@ -42,15 +43,20 @@ struct Resolution {
 }
 
 impl Resolution {
-    /// Fine for few lights, coarse for many, so that memory and learning stay bounded.
-    fn of(lights: usize) -> Self {
-        let (position, direction) = match lights {
-            0..=4 => (4, 32),
-            5..=64 => (2, 24),
-            65..=1024 => (1, 12),
-            _ => (1, 4),
+    /// Fine for few lights, coarse for many, so that memory and learning stay bounded. Where all places, or all directions,
+    /// are one, all cells are of the other.
+    fn of(light: &Light, lights: usize) -> Self {
+        let (position, direction, alone) = match lights {
+            0..=4 => (4, 32, 64),
+            5..=64 => (2, 24, 32),
+            65..=1024 => (1, 12, 12),
+            _ => (1, 4, 4),
         };
-        Self { position, direction }
+        match light {
+            Light::Directional(_) => Self { position: alone, direction: 1 },
+            Light::Point(_) | Light::Spot(_) | Light::Projector(_) => Self { position: 1, direction: alone },
+            Light::Area(_) | Light::Constant(_) | Light::EnvMap(_) => Self { position, direction },
+        }
     }
 
     fn positions(self) -> usize {
@@ -65,25 +71,36 @@ impl Resolution {
         self.positions() * self.directions()
     }
 
-    /// The cell of a start, counted over all lights.
-    fn cell(self, light: usize, u_pos: Vec2, u_dir: Vec2) -> usize {
-        let index = |u: Vec2, n: usize| {
-            let at = |x: f32| ((x * n as f32) as usize).min(n - 1);
-            at(u.y) * n + at(u.x)
-        };
-        (light * self.positions() + index(u_pos, self.position)) * self.directions() + index(u_dir, self.direction)
+    /// The cell of a place.
+    fn position_cell(self, u_pos: Vec2) -> usize {
+        cell(u_pos, self.position)
     }
+
+    fn cell(self, u_pos: Vec2, u_dir: Vec2) -> usize {
+        self.position_cell(u_pos) * self.directions() + cell(u_dir, self.direction)
+    }
+}
+
+fn cell(u: Vec2, n: usize) -> usize {
+    let at = |x: f32| ((x * n as f32) as usize).min(n - 1);
+    at(u.y) * n + at(u.x)
+}
+
+/// The density over the numbers that one light is given.
+#[derive(Debug)]
+struct Grid {
+    resolution: Resolution,
+    positions: Distribution2d,
+    /// By cell of the position.
+    directions: Vec<Distribution2d>,
 }
 
 /// Where photon paths start: a density over lights and over the numbers that each light is given.
 #[derive(Debug)]
 pub struct Guide {
-    resolution: Resolution,
     lights: Cdf,
     /// By light.
-    positions: Vec<Distribution2d>,
-    /// By light and position cell.
-    directions: Vec<Distribution2d>,
+    grids: Vec<Grid>,
 }
 
 impl Guide {
@@ -92,58 +109,54 @@ impl Guide {
         if !scene.may_have(LobeMask::SPECULAR) || scene.selector.is_empty() {
             return None;
         }
-        let resolution = Resolution::of(scene.lights.len());
-        let mut guide = Self::new(scene, resolution, &projection_map(scene, resolution), ROUNDS[0].1);
+        let count = scene.lights.len();
+        let resolutions: Vec<Resolution> = scene.lights.iter().map(|l| Resolution::of(l, count)).collect();
+        let mut guide = Self::new(scene, &resolutions, &projection_map(scene, &resolutions), ROUNDS[0].1);
         // Sum squares over the rounds; each is unbiased whatever density it was made with.
-        let mut squares = vec![0.0f64; scene.lights.len() * resolution.cells()];
+        let mut squares: Vec<Vec<f64>> = resolutions.iter().map(|r| vec![0.0; r.cells()]).collect();
         let mut paths = 0;
         for (round, &(batches, _)) in ROUNDS.iter().enumerate() {
             let share = ROUNDS.get(round + 1).map_or(DEFENSIVE, |next| next.1);
             guide.measure(scene, settings, paths, batches, &mut squares);
             paths += batches * PATHS_PER_BATCH;
-            if squares.iter().any(|&s| s > 0.0) {
-                guide = Self::new(scene, resolution, &roots(&squares, resolution), share);
+            if squares.iter().flatten().any(|&s| s > 0.0) {
+                let weights: Vec<Vec<f64>> = squares.iter().zip(&resolutions).map(|(s, r)| roots(s, *r)).collect();
+                guide = Self::new(scene, &resolutions, &lift_dim_lights(weights), share);
             }
         }
         Some(guide)
     }
 
     /// A density proportional to `weights` but for the uniform `share`, which is spread as the scene's selector says.
-    fn new(scene: &Scene, resolution: Resolution, weights: &[f64], share: f64) -> Self {
-        let total: f64 = weights.iter().sum();
+    fn new(scene: &Scene, resolutions: &[Resolution], weights: &[Vec<f64>], share: f64) -> Self {
+        let total: f64 = weights.iter().flatten().sum();
         let share = if total > 0.0 { share } else { 1.0 };
         let scale = if total > 0.0 { (1.0 - share) / total } else { 0.0 };
-        let cells = resolution.cells();
-        let mut guide = Self { resolution, lights: Cdf::default(), positions: Vec::new(), directions: Vec::new() };
         let mut masses = Vec::with_capacity(scene.lights.len());
-        for (light, weights) in weights.chunks(cells).enumerate() {
-            let uniform = share * scene.photon_selector.pmf(light) as f64 / cells as f64;
-            let mut by_position = Vec::with_capacity(resolution.positions());
-            for weights in weights.chunks(resolution.directions()) {
-                let densities: Vec<f64> = weights.iter().map(|w| uniform + w * scale).collect();
+        let mut grids = Vec::with_capacity(scene.lights.len());
+        for ((light, weights), &resolution) in weights.iter().enumerate().zip(resolutions) {
+            let uniform = share * scene.photon_selector.pmf(light) as f64 / resolution.cells() as f64;
+            let densities: Vec<f64> = weights.iter().map(|w| uniform + w * scale).collect();
+            let (mut by_position, mut directions) = (Vec::with_capacity(resolution.positions()), Vec::new());
+            for densities in densities.chunks(resolution.directions()) {
                 let mass: f64 = densities.iter().sum();
-                // Grids of f32 hold shares of the whole well only when they are near 1.
-                let inv = if mass > 0.0 { densities.len() as f64 / mass } else { 0.0 };
-                let grid: Vec<f32> = densities.iter().map(|d| (d * inv) as f32).collect();
-                guide.directions.push(Distribution2d::new(resolution.direction, resolution.direction, &grid));
+                directions.push(distribution(resolution.direction, densities, mass));
                 by_position.push(mass);
             }
             let mass: f64 = by_position.iter().sum();
-            let inv = if mass > 0.0 { by_position.len() as f64 / mass } else { 0.0 };
-            let grid: Vec<f32> = by_position.iter().map(|m| (m * inv) as f32).collect();
-            guide.positions.push(Distribution2d::new(resolution.position, resolution.position, &grid));
+            let positions = distribution(resolution.position, &by_position, mass);
+            grids.push(Grid { resolution, positions, directions });
             masses.push(mass);
         }
-        guide.lights = Cdf::new(scene.photon_aims.divide(masses));
-        guide
+        Self { lights: Cdf::new(scene.photon_aims.divide(masses)), grids }
     }
 
     /// A start and its density relative to uniform numbers, the probability of the light included.
     pub(super) fn start(&self, u_light: f32, u_pos: Vec2, u_dir: Vec2) -> Option<Start> {
         let (light, pmf, _) = self.lights.sample(u_light)?;
-        let (u_pos, pdf_pos) = self.positions[light].sample(u_pos)?;
-        let cell = self.resolution.cell(light, u_pos, Vec2::ZERO) / self.resolution.directions();
-        let (u_dir, pdf_dir) = self.directions[cell].sample(u_dir)?;
+        let grid = &self.grids[light];
+        let (u_pos, pdf_pos) = grid.positions.sample(u_pos)?;
+        let (u_dir, pdf_dir) = grid.directions[grid.resolution.position_cell(u_pos)].sample(u_dir)?;
         // Rounding may reach the upper end of a cell.
         let below_one = Vec2::splat(1.0f32.next_down());
         let (u_pos, u_dir) = (u_pos.min(below_one), u_dir.min(below_one));
@@ -151,9 +164,9 @@ impl Guide {
     }
 
     /// Traces paths and adds, for each cell, the squares of what they deposit over their density.
-    fn measure(&self, scene: &Scene, settings: &ShootSettings, first: u64, batches: u64, squares: &mut [f64]) {
+    fn measure(&self, scene: &Scene, settings: &ShootSettings, first: u64, batches: u64, squares: &mut [Vec<f64>]) {
         let key = Key::new(settings.seed, Purpose::Pilot, hash_u64(settings.target.purpose() as u64, 1));
-        let found: Vec<Vec<(usize, f64)>> = (0..batches)
+        let found: Vec<Vec<(usize, usize, f64)>> = (0..batches)
             .into_par_iter()
             .map(|batch| {
                 let mut deposit = Deposit::new(settings.target, settings.walk, 1);
@@ -165,24 +178,33 @@ impl Guide {
                     deposit.photons.clear();
                     if power > 0.0 {
                         // The stored power is f/p, so f²/p is its square times p.
-                        let cell = self.resolution.cell(start.light, start.u_pos, start.u_dir);
-                        found.push((cell, power * power * start.pdf as f64));
+                        let cell = self.grids[start.light].resolution.cell(start.u_pos, start.u_dir);
+                        found.push((start.light, cell, power * power * start.pdf as f64));
                     }
                 }
                 found
             })
             .collect();
-        for (cell, square) in found.into_iter().flatten() {
-            squares[cell] += square;
+        for (light, cell, square) in found.into_iter().flatten() {
+            squares[light][cell] += square;
         }
     }
 }
 
-/// Roots of squares that are blurred over neighbouring directions, so that cells that no path met by chance are not left out.
+/// A grid of n × n densities whose sum is `mass`.
+fn distribution(n: usize, densities: &[f64], mass: f64) -> Distribution2d {
+    // Grids of f32 hold shares of the whole well only when they are near 1.
+    let inv = if mass > 0.0 { densities.len() as f64 / mass } else { 0.0 };
+    let grid: Vec<f32> = densities.iter().map(|d| (d * inv) as f32).collect();
+    Distribution2d::new(n, n, &grid)
+}
+
+/// Roots of squares that are blurred over neighbouring directions, or places where those are one, so that cells that no path
+/// met by chance are not left out.
 fn roots(squares: &[f64], resolution: Resolution) -> Vec<f64> {
-    let n = resolution.direction;
+    let n = if resolution.direction > 1 { resolution.direction } else { resolution.position };
     let mut roots = Vec::with_capacity(squares.len());
-    for grid in squares.chunks(resolution.directions()) {
+    for grid in squares.chunks(n * n) {
         for y in 0..n {
             for x in 0..n {
                 let near = |c: usize| c.saturating_sub(1)..(c + 2).min(n);
@@ -191,49 +213,48 @@ fn roots(squares: &[f64], resolution: Resolution) -> Vec<f64> {
             }
         }
     }
-    lift_dim_lights(&mut roots, resolution.cells());
     roots
 }
 
 /// Raises the weights of lights that have less than their even share of [`EVEN`].
-fn lift_dim_lights(weights: &mut [f64], cells: usize) {
-    let sums: Vec<f64> = weights.chunks(cells).map(|w| w.iter().sum()).collect();
+fn lift_dim_lights(mut weights: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    let sums: Vec<f64> = weights.iter().map(|w| w.iter().sum()).collect();
     let useful = sums.iter().filter(|&&s| s > 0.0).count();
     let least = EVEN * sums.iter().sum::<f64>() / useful.max(1) as f64;
-    for (weights, &sum) in weights.chunks_mut(cells).zip(&sums) {
+    for (weights, &sum) in weights.iter_mut().zip(&sums) {
         if sum > 0.0 && sum < least {
             weights.iter_mut().for_each(|w| *w *= least / sum);
         }
     }
+    weights
 }
 
 /// For each cell, the power of its light times the importance of the specular surface that a ray of the cell passes near;
 /// 0 where there is none.
-fn projection_map(scene: &Scene, resolution: Resolution) -> Vec<f64> {
+fn projection_map(scene: &Scene, resolutions: &[Resolution]) -> Vec<Vec<f64>> {
     let casters = casters(scene);
     let context = scene.light_context();
-    let mut map = vec![0.0; scene.lights.len() * resolution.cells()];
-    map.par_chunks_mut(resolution.directions()).enumerate().for_each(|(grid, cells)| {
-        let (light, position) = (grid / resolution.positions(), grid % resolution.positions());
+    let lights = resolutions.iter().enumerate();
+    let met = |light: usize, resolution: Resolution, cell: usize, probe: u64| {
+        let hash = hash_u64((light as u64) << 32 | cell as u64, probe);
+        let within = |index: usize, n: usize, bits: u64| {
+            let jitter = |b: u64| (b & 0xffff) as f32 / 65536.0;
+            let (x, y) = ((index % n) as f32 + jitter(bits), (index / n) as f32 + jitter(bits >> 16));
+            Vec2::new(x, y) / n as f32
+        };
+        let u_pos = within(cell / resolution.directions(), resolution.position, hash);
+        let u_dir = within(cell % resolution.directions(), resolution.direction, hash >> 32);
+        let Some(le) = scene.lights[light].sample_le(&context, u_pos, u_dir) else { return 0.0 };
+        let near = casters.iter().filter(|c| passes_near(le.ray.o, le.ray.d, c));
+        near.map(|c| c.importance).fold(0.0, f32::max)
+    };
+    let of_light = |(light, &resolution): (usize, &Resolution)| {
         let pmf = scene.photon_selector.pmf(light) as f64;
-        for (direction, cell) in cells.iter_mut().enumerate() {
-            let met = |probe| {
-                let hash = hash_u64((grid * resolution.directions() + direction) as u64, probe);
-                let within = |index: usize, n: usize, bits: u64| {
-                    let jitter = |b: u64| (b & 0xffff) as f32 / 65536.0;
-                    let (x, y) = ((index % n) as f32 + jitter(bits), (index / n) as f32 + jitter(bits >> 16));
-                    Vec2::new(x, y) / n as f32
-                };
-                let u_pos = within(position, resolution.position, hash);
-                let u_dir = within(direction, resolution.direction, hash >> 32);
-                let Some(le) = scene.lights[light].sample_le(&context, u_pos, u_dir) else { return 0.0 };
-                let near = casters.iter().filter(|c| passes_near(le.ray.o, le.ray.d, c));
-                near.map(|c| c.importance).fold(0.0, f32::max)
-            };
-            *cell = pmf * (0..PROBES).map(met).fold(0.0, f32::max) as f64;
-        }
-    });
-    map
+        let weight =
+            |cell| pmf * (0..PROBES).map(|probe| met(light, resolution, cell, probe)).fold(0.0, f32::max) as f64;
+        (0..resolution.cells()).into_par_iter().map(weight).collect()
+    };
+    lights.map(of_light).collect()
 }
 
 /// Whether a ray comes within a sphere that is wider by an eighth.
