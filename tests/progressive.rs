@@ -103,6 +103,61 @@ fn a_lit_square_is_flat_up_to_its_edge() {
     assert!((edges.mean - 0.56).abs() < 0.04 && (corners.mean - 0.31).abs() < 0.04, "{edges:?}, {corners:?}");
 }
 
+/// Rooms whose floor, or what stands on it, has narrow lobes: where camera paths go on there, every path of light still counts
+/// once. Narrow lobes see each other, and through mirrors; they are mixed with diffuse, sharp and mirroring ones; they
+/// transmit. `bdpt` tells the truth, the whole and blocks of 8 × 8 pixels of six seeds: within 5 standard errors (t with 10
+/// degrees of freedom, 78 comparisons: 4 %) and 0.5 % of the mean for what discs of a hundredth of the room blur.
+#[cfg(feature = "slow-tests")]
+#[test]
+fn paths_that_go_on_at_narrow_lobes_count_once() {
+    let metal = |alpha: f64| format!(r#"<bsdf type="roughconductor"><float name="alpha" value="{alpha}"/></bsdf>"#);
+    let blend = |a: &str, b: &str| format!(r#"<bsdf type="blendbsdf"><float name="weight" value="0.5"/>{a}{b}</bsdf>"#);
+    let diffuse = r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf>"#;
+    let half = blend(diffuse, &metal(0.2));
+    let plastic = r#"<bsdf type="roughplastic"><float name="alpha" value="0.1"/></bsdf>"#;
+    let frosted = r#"<bsdf type="roughdielectric"><float name="alpha" value="0.2"/></bsdf>"#;
+    let mirror = r#"<bsdf type="conductor"><string name="material" value="none"/></bsdf>"#;
+    for (name, floor, ball) in [
+        ("narrow beside narrow", half.as_str(), half.as_str()),
+        ("narrow beside a mirror", plastic, mirror),
+        ("metal beside plastic", &metal(0.15), plastic),
+        ("sharp and narrow", &blend(&half, &metal(0.05)), &half),
+        ("mirror and narrow", &blend(mirror, &metal(0.2)), &half),
+        ("frosted glass", &half, frosted),
+    ] {
+        let room = format!(
+            r#"<scene version="3.0.0"><integrator type="sppm"><float name="initial_radius" value="0.02"/></integrator>
+  <sensor type="perspective"><float name="fov" value="50"/>
+    <transform name="to_world"><lookat origin="0, 0.2, 0.95" target="0, -0.8, -0.2" up="0, 1, 0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="32"/><rfilter type="box"/></film>
+    <sampler type="independent"/></sensor>
+  <shape type="cube"><bsdf type="twosided">{diffuse}</bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><translate y="-0.99"/></transform>
+    <bsdf type="twosided">{floor}</bsdf></shape>
+  <shape type="sphere"><point name="center" x="0.3" y="-0.6" z="-0.2"/><float name="radius" value="0.35"/>{ball}</shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="0.5"/><rotate x="1" angle="90"/><translate y="0.98"/>
+    </transform><emitter type="area"><rgb name="radiance" value="3"/></emitter></shape></scene>"#
+        );
+        let s = scene(&room, AccelKind::Auto);
+        let images = |integrator: &str, passes: u64| -> Vec<Image> {
+            (1..=6).map(|seed| render(&s, integrator, passes, 40_000, seed)).collect()
+        };
+        let (truth, found) = (images("bdpt", 96), images("sppm", 24));
+        let same = |what: &str, of: &dyn Fn(&Image) -> f64| {
+            let [a, b] = [&truth, &found].map(|images| Estimate::of(images.iter().map(of)));
+            let allowed = 5.0 * (a.error.powi(2) + b.error.powi(2)).sqrt() + 0.005 * a.mean;
+            assert!((a.mean - b.mean).abs() < allowed, "{name}, {what}: bdpt {a:?}, sppm {b:?}");
+        };
+        same("all", &common::mean);
+        for (x0, y0) in (0..4).flat_map(|y| (0..3).map(move |x| (8 * x, 8 * y))) {
+            same(&format!("block at {x0}, {y0}"), &|image| {
+                let pixels = (y0..y0 + 8).flat_map(|y| (x0..x0 + 8).map(move |x| (x, y)));
+                pixels.map(|(x, y)| image.pixel(x, y).mean() as f64).sum::<f64>() / 64.0
+            });
+        }
+    }
+}
+
 #[cfg(feature = "slow-tests")]
 fn mean_square_error(image: &Image) -> f64 {
     let (w, h) = (image.width(), image.height());

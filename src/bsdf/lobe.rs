@@ -23,7 +23,10 @@ impl LobeMask {
     /// Lambertian or nearly so.
     pub const DIFFUSE: Self = Self(1);
     /// Rough: photons may be stored here and the density estimate sees the lobe.
-    pub const GLOSSY: Self = Self(2);
+    pub const GLOSSY: Self = Self(2 | Self::NARROW.0);
+    /// The narrow ones of those, roughness below [`NARROW_ALPHA`](super::NARROW_ALPHA): what they mirror is found with less
+    /// noise by a ray than by photons.
+    pub const NARROW: Self = Self(32);
     /// Rough but narrow, roughness below [`SHARP_ALPHA`](super::SHARP_ALPHA): photon methods trace it like a mirror.
     pub const SHARP: Self = Self(4);
     /// Mirror reflection and refraction.
@@ -31,11 +34,11 @@ impl LobeMask {
     /// Straight through.
     pub const NULL: Self = Self(16);
     /// Everything.
-    pub const ALL: Self = Self(31);
+    pub const ALL: Self = Self(63);
     /// The lobes with a density: everything but delta and null.
-    pub const SMOOTH: Self = Self(7);
+    pub const SMOOTH: Self = Self(Self::SMOOTH_WIDE.0 | Self::SHARP.0);
     /// The lobes that photon methods store photons for and estimate from them.
-    pub const SMOOTH_WIDE: Self = Self(3);
+    pub const SMOOTH_WIDE: Self = Self(Self::DIFFUSE.0 | Self::GLOSSY.0);
     /// The lobes that photon methods follow ray by ray.
     pub const SPECULAR: Self = Self(28);
 
@@ -46,8 +49,10 @@ impl LobeMask {
             Self::DELTA
         } else if alpha < super::SHARP_ALPHA {
             Self::SHARP
+        } else if alpha < super::NARROW_ALPHA {
+            Self::NARROW
         } else {
-            Self::GLOSSY
+            Self(Self::GLOSSY.0 & !Self::NARROW.0)
         }
     }
 

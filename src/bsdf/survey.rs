@@ -83,6 +83,10 @@ fn has_two_sides(material: &Material) -> bool {
 /// The classes between two roughnesses.
 fn classes_between(low: f32, high: f32) -> LobeMask {
     let mut set = LobeMask::of_roughness(low * (1.0 - MARGIN)) | LobeMask::of_roughness(high * (1.0 + MARGIN));
+    // Narrow ones are not told apart: nothing is decided by them for a whole scene.
+    if set.intersects(LobeMask::GLOSSY) {
+        set |= LobeMask::GLOSSY;
+    }
     if set.intersects(LobeMask::DELTA) && set.intersects(LobeMask::GLOSSY) {
         set |= LobeMask::SHARP;
     }

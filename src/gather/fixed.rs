@@ -22,6 +22,14 @@ pub fn takes_in(photon: Flags, side: Option<bool>, ng: Vec3) -> bool {
     side.is_none_or(|s| photon.side() == s) && photon.normal().dot(ng) > MIN_NORMAL_COS
 }
 
+/// The lobes that scatter what photons bring.
+#[derive(Clone, Copy, Debug)]
+pub struct Lobes {
+    /// Of photons with the [mark](Flags::mark), and of others.
+    pub marked: LobeMask,
+    pub unmarked: LobeMask,
+}
+
 /// A density estimate within a given radius.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RadiusEstimate {
@@ -47,23 +55,29 @@ impl RadiusMap {
     }
 
     /// `L = Σ f(wo, wi)·Φ·K(d)` over the photons of this side of this surface within `r_sq`: unbiased for the average of
-    /// the radiance under the kernel. Radiance leaves `si` towards `si.wo` through its diffuse and wide glossy lobes.
+    /// the radiance under the kernel. Radiance leaves `si` towards `si.wo` through `lobes`.
     #[inline]
-    pub fn estimate(&self, si: &SurfaceInteraction, bsdf: &Bsdf, r_sq: f32, counters: &mut Counters) -> RadiusEstimate {
-        self.estimate_and(si, bsdf, r_sq, counters, |_, _| {})
+    pub fn estimate(
+        &self,
+        si: &SurfaceInteraction,
+        (bsdf, lobes): (&Bsdf, Lobes),
+        r_sq: f32,
+        counters: &mut Counters,
+    ) -> RadiusEstimate {
+        self.estimate_and(si, (bsdf, lobes), r_sq, counters, |_, _| {})
     }
 
     /// As [`RadiusMap::estimate`]; adds where the photons lie in the disc to `bins`.
     pub fn estimate_in_bins(
         &self,
         si: &SurfaceInteraction,
-        bsdf: &Bsdf,
+        (bsdf, lobes): (&Bsdf, Lobes),
         r_sq: f32,
         counters: &mut Counters,
         bins: &mut Bins,
     ) -> RadiusEstimate {
         let frame = Frame::from_normal(si.ng);
-        self.estimate_and(si, bsdf, r_sq, counters, |i, d_sq| {
+        self.estimate_and(si, (bsdf, lobes), r_sq, counters, |i, d_sq| {
             let d = self.map.position(i) - si.p;
             bins.count((d.dot(frame.s) < 0.0, d.dot(frame.t) < 0.0), d_sq, r_sq);
         })
@@ -74,22 +88,29 @@ impl RadiusMap {
     fn estimate_and(
         &self,
         si: &SurfaceInteraction,
-        bsdf: &Bsdf,
+        (bsdf, lobes): (&Bsdf, Lobes),
         r_sq: f32,
         counters: &mut Counters,
         visit: impl FnMut(u32, f32),
     ) -> RadiusEstimate {
+        let Lobes { marked, unmarked } = lobes;
+        if !bsdf.lobes().intersects(marked | unmarked) {
+            return RadiusEstimate::default();
+        }
         counters.photon_queries += 1;
-        if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE) {
+        if let Some(albedo) = bsdf.lambertian(marked)
+            && bsdf.lambertian(unmarked).is_some()
+        {
             let mut e = self.sum(si, Some(si.wo.dot(si.ng) > 0.0), r_sq, visit, |i| self.map.power(i));
             e.radiance = albedo * INV_PI * e.radiance;
             return e;
         }
-        let side = if bsdf.transmits(LobeMask::SMOOTH_WIDE) { None } else { Some(si.wo.dot(si.ng) > 0.0) };
+        let side = if bsdf.transmits(marked | unmarked) { None } else { Some(si.wo.dot(si.ng) > 0.0) };
         self.sum(si, side, r_sq, visit, |i| {
+            let mask = if self.map.flags(i).mark() { marked } else { unmarked };
             let wi = above_horizon(self.map.direction(i), si.ng, self.map.side(i));
             // eval() has |wi·ns|; what photons count is flux through the geometric surface, |wi·ng|.
-            bsdf.eval(si.wo, wi, Mode::Radiance, LobeMask::SMOOTH_WIDE) * self.map.power(i) / flux_cosine(si, wi)
+            bsdf.eval(si.wo, wi, Mode::Radiance, mask) * self.map.power(i) / flux_cosine(si, wi)
         })
     }
 

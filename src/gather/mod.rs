@@ -15,6 +15,6 @@ pub use area::AreaSettings;
 pub use bins::{BINS, Bins, LEAST_PHOTONS};
 pub use boundary::{Clearing, Patch};
 pub use direct::{MetLight, met_light, power_heuristic, sample_direct, sample_direct_unless, sample_lobe_light};
-pub use fixed::{RadiusEstimate, RadiusMap, takes_in};
+pub use fixed::{Lobes, RadiusEstimate, RadiusMap, takes_in};
 pub use photons::{LookupSettings, MapEstimate, NARROW, PhotonMaps};
 pub use shadows::ShadowMap;

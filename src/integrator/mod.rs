@@ -64,7 +64,13 @@ fn roulette(beta: &mut Rgb, eta: f32, depth: u32, rr_depth: u32, sampler: &mut S
 /// Continues a path through the specular and sharp glossy lobes.
 #[inline]
 fn specular_bounce(si: &SurfaceInteraction, bsdf: &Bsdf, sampler: &mut Sampler) -> Option<(Ray, BsdfSample)> {
+    bounce(si, bsdf, LobeMask::SPECULAR, sampler)
+}
+
+/// Continues a path through the lobes in `mask`.
+#[inline]
+fn bounce(si: &SurfaceInteraction, bsdf: &Bsdf, mask: LobeMask, sampler: &mut Sampler) -> Option<(Ray, BsdfSample)> {
     let (u_lobe, u) = (sampler.next_1d(), sampler.next_2d());
-    let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, LobeMask::SPECULAR)?;
+    let s = bsdf.sample(si.wo, u_lobe, u, Mode::Radiance, mask)?;
     Some((si.spawn_ray(s.wi), s))
 }

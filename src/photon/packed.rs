@@ -26,7 +26,7 @@ impl PhotonClass {
 }
 
 /// A photon's sixteen flag bits:
-/// 0–1 split axis, 2 side, 3–4 class, 5 mark (first bounce, or shadow), 6–15 octahedral normal.
+/// 0–1 split axis, 2 side, 3–4 class, 5 mark (first bounce, shadow, or from a narrow lobe), 6–15 octahedral normal.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct Flags(pub u16);
@@ -66,7 +66,8 @@ impl Flags {
         PhotonClass::ALL[(self.0 >> 3 & 3) as usize]
     }
 
-    /// First bounce (global photons) or shadow photon (direct light): the map's maker decides which.
+    /// First bounce (global photons), from a narrow lobe (indirect photons) or shadow photon (direct light): the map's maker
+    /// decides which.
     #[inline]
     pub fn mark(self) -> bool {
         self.0 & Self::MARK != 0

@@ -24,7 +24,8 @@ pub enum Target {
     Caustic,
     /// Every photon at a diffuse or glossy surface.
     Global,
-    /// As `Global`, without those that have not met a diffuse or glossy surface before (direct light and caustics).
+    /// As `Global`, without those that have not met a diffuse or glossy surface before (direct light and caustics). Those
+    /// bear a [mark](crate::photon::Flags::mark) that left the last such surface by a [narrow](LobeMask::NARROW) lobe.
     Indirect,
 }
 
@@ -115,6 +116,8 @@ pub(super) struct Flight<N = Sampler> {
     specular_chain: bool,
     /// Whether one was diffuse or glossy.
     scattered: bool,
+    /// Whether the last of those scattered it by a narrow lobe, where indirect photons are wanted.
+    narrow: bool,
 }
 
 /// What a stored photon tells about its path, and random bits to round its power with.
@@ -137,6 +140,7 @@ impl<N> Flight<N> {
             depth: 0,
             specular_chain: true,
             scattered: false,
+            narrow: false,
         }
     }
 
@@ -154,7 +158,7 @@ impl<N> Flight<N> {
         let bits = hash_u64(self.path.0, self.depth as u64);
         Stamp {
             class: if self.specular_chain && self.depth > 1 { PhotonClass::Caustic } else { PhotonClass::Global },
-            mark: !self.scattered,
+            mark: !self.scattered || self.narrow,
             bits: hash_u64(bits, Purpose::Quantize as u64),
         }
     }
@@ -333,7 +337,7 @@ impl Deposit {
         flight.ray = scene.from_light(Ray::new(o, d));
         flight.flux = flux;
         (flight.index, flight.path, flight.first, flight.depth) = (index, key.with(index), u32::MAX, 0);
-        (flight.specular_chain, flight.scattered) = (true, false);
+        (flight.specular_chain, flight.scattered, flight.narrow) = (true, false, false);
         true
     }
 
@@ -404,7 +408,7 @@ impl Deposit {
         let (o, d, flux) = lanes.next(i);
         flight.ray = Ray { inside: flight.ray.inside, ..Ray::new(o, d) };
         flight.flux = flux;
-        (flight.specular_chain, flight.scattered) = (false, true);
+        (flight.specular_chain, flight.scattered, flight.narrow) = (false, true, false);
         fate.goes_on()
     }
 
@@ -438,13 +442,17 @@ impl Deposit {
             return false;
         }
         // Scatter; what a caustic photon loses to diffuse lobes ends there.
-        let mask = if self.target == Target::Caustic { LobeMask::SPECULAR } else { LobeMask::ALL };
-        let (u_lobe, u) = (flight.sampler.next_1d(), flight.sampler.next_2d());
+        let (mut u_lobe, u) = (flight.sampler.next_1d(), flight.sampler.next_2d());
+        let (mask, p) = match self.target {
+            Target::Caustic => (LobeMask::SPECULAR, 1.0),
+            Target::Global => (LobeMask::ALL, 1.0),
+            Target::Indirect => choose_class(bsdf, si.wo, &mut u_lobe),
+        };
         let Some(s) = bsdf.sample(si.wo, u_lobe, u, Mode::Importance, mask) else {
             EnergyBalance::add(&mut self.balance.absorbed, before);
             return false;
         };
-        let mut flux = before * s.weight;
+        let mut flux = before * (s.weight / p);
         if !flux.is_finite() {
             self.rejected += 1;
             EnergyBalance::add(&mut self.balance.absorbed, before);
@@ -456,6 +464,7 @@ impl Deposit {
         }
         if s.lobe.intersects(LobeMask::SMOOTH_WIDE) {
             (flight.specular_chain, flight.scattered) = (false, true);
+            flight.narrow = self.target == Target::Indirect && s.lobe.intersects(LobeMask::NARROW);
         }
         // Russian roulette on the largest channel keeps the powers of stored photons alike [Jensen 2001, §5.2].
         let survive = survival(flux.max_channel() / before.max_channel(), flight.depth, self.walk.rr_depth);
@@ -501,6 +510,24 @@ impl Deposit {
         self.stored_power += (importance * power) as f64;
         self.photons.push(photon);
     }
+}
+
+/// Chooses between the narrow lobes of a surface and its others, where it has both, by their albedos; the probability. Drawn
+/// together they would share directions, and nobody could tell which of them a photon left by. What is left of the number
+/// is stretched to the whole.
+fn choose_class(bsdf: &Bsdf, wo: Vec3, u_lobe: &mut f32) -> (LobeMask, f32) {
+    let lobes = bsdf.lobes();
+    if !lobes.intersects(LobeMask::NARROW) || !lobes.intersects(!LobeMask::NARROW) {
+        return (LobeMask::ALL, 1.0);
+    }
+    let [narrow, others] = [LobeMask::NARROW, !LobeMask::NARROW].map(|mask| bsdf.albedo(wo, mask).mean());
+    let p = narrow / (narrow + others);
+    if !(p > 0.0 && p < 1.0) {
+        return (LobeMask::ALL, 1.0);
+    }
+    let (mask, from, p) = if *u_lobe < p { (LobeMask::NARROW, 0.0, p) } else { (!LobeMask::NARROW, p, 1.0 - p) };
+    *u_lobe = ((*u_lobe - from) / p).clamp(0.0, 1.0f32.next_down());
+    (mask, p)
 }
 
 /// [`Deposit::trace_all`] as work that is compiled for each instruction set.

@@ -273,7 +273,7 @@ fn shading_normals_do_not_leak() {
     }
 }
 
-/// Roughness chooses the class: 0 and 1e-7 are delta, then sharp, then glossy.
+/// Roughness chooses the class: 0 and 1e-7 are delta, then sharp, then glossy, of which some are narrow.
 #[test]
 fn roughness_chooses_the_class() {
     let (si, _) = point(at_angle(30.0, 0.0), 0.0);
@@ -283,8 +283,10 @@ fn roughness_chooses_the_class() {
             (1e-7, LobeMask::DELTA),
             (2e-4, LobeMask::SHARP),
             (0.05, LobeMask::SHARP),
-            (0.07, LobeMask::GLOSSY),
-            (1.0, LobeMask::GLOSSY),
+            (0.07, LobeMask::NARROW),
+            (0.39, LobeMask::NARROW),
+            (0.41, LobeMask::GLOSSY & !LobeMask::NARROW),
+            (1.0, LobeMask::GLOSSY & !LobeMask::NARROW),
         ] {
             let r = rough(d, alpha, alpha);
             assert_eq!(bsdf_at(&[rough_conductor(r, "Au")], &si).lobes(), class);

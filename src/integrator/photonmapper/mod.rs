@@ -111,6 +111,7 @@ impl PhotonMapper<'_> {
             rr_depth: s.rr_depth,
             hide_emitters: s.hide_emitters,
             least: Some(LEAST_OF_FEW),
+            narrow: false,
         }
     }
 

@@ -12,6 +12,16 @@
 //! | `L S⁺ D S* E` | caustic photons at D |
 //! | `L (S\|D)* D S* D S* E` | indirect photons at the last D |
 //!
+//! At narrow glossy lobes, G, photons are a noisy estimate: few come from where the lobe looks. There the camera path goes on
+//! by one ray, and what it finds at the next D through lobes that are not narrow stands for the indirect photons that came from
+//! there. Those that left their last D by a narrow lobe themselves bear a mark and are read at G: light from a highlight is
+//! rarely found by a ray, and often by photons. So every path is still counted once:
+//!
+//! | paths that end with `D S* G S* E` | estimator |
+//! |---|---|
+//! | the light leaves D by a narrow lobe | marked indirect photons at G |
+//! | by another | shadow ray, caustic photons or indirect photons at D |
+//!
 //! Where a surface ends inside of the disc of an estimate, `boundary_correction` divides by the share of the disc that is
 //! surface ([`Patch::share`]), at the first point of a camera path where photons are read. Which pixels that concerns the
 //! pilot finds ([`Clearing`](crate::gather::Clearing)); the others' bits do not change.
@@ -24,8 +34,8 @@
 //! lens, so that nearly all of them are seen; and its weights compare densities of techniques, while that of a path that a
 //! chain finds is known up to a factor only, b, which would have to be estimated before the weights, not beside the sum.
 //!
-//! Under a depth limit the photons' paths are as long as fits a camera path of one edge; what the camera sees through
-//! specular surfaces may then be longer by the edges of that chain.
+//! Under a depth limit the photons' paths are as long as fits a camera path of one edge; what the camera sees by way of
+//! specular surfaces and narrow lobes may then be longer by the edges of that chain.
 
 mod evenness;
 mod radii;
@@ -38,12 +48,10 @@ pub use schedule::{SharedRadius, radius_sq_ratio};
 pub use sights::{Sighting, Sightings};
 
 use super::branches::LEAST;
-use super::lobe_walk::LobeWalk;
+use super::lobe_walk::{LobeWalk, Sight};
 use super::{CameraSample, Integrator, MaxDepth};
-use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
-use crate::gather::{Bins, Patch, RadiusMap, sample_direct, sample_lobe_light};
-use crate::geometry::SurfaceInteraction;
+use crate::gather::{Bins, Lobes, Patch, RadiusMap, sample_direct, sample_lobe_light};
 use crate::sample::{Sampler, Sequence};
 use crate::scene::Scene;
 use crate::shoot::{ShootSettings, Target, WalkSettings};
@@ -171,8 +179,7 @@ impl Integrator for Sppm<'_> {
         let mut first = self.settings.boundary_correction;
         self.walk().radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
             let ends = std::mem::take(&mut first).then_some((scene, *sampler));
-            let direct = self.direct(scene, at.si, at.bsdf, sampler, counters);
-            direct + self.photons(pixel, at.si, at.bsdf, ends, counters)
+            self.direct(scene, at, sampler, counters) + self.photons(pixel, at, ends, counters)
         })
     }
 }
@@ -180,7 +187,13 @@ impl Integrator for Sppm<'_> {
 impl Sppm<'_> {
     fn walk(&self) -> LobeWalk {
         let s = &self.settings;
-        LobeWalk { max_depth: s.max_depth, rr_depth: s.rr_depth, hide_emitters: s.hide_emitters, least: Some(LEAST) }
+        LobeWalk {
+            max_depth: s.max_depth,
+            rr_depth: s.rr_depth,
+            hide_emitters: s.hide_emitters,
+            least: Some(LEAST),
+            narrow: s.indirect,
+        }
     }
 
     /// Squared radius within which a pixel is read in this pass, scene units.
@@ -195,20 +208,14 @@ impl Sppm<'_> {
     }
 
     /// Light that comes straight from a light, by one shadow ray and one ray that the lobes choose.
-    fn direct(
-        &self,
-        scene: &Scene,
-        si: &SurfaceInteraction,
-        bsdf: &Bsdf,
-        sampler: &mut Sampler,
-        counters: &mut Counters,
-    ) -> Rgb {
+    fn direct(&self, scene: &Scene, at: &Sight, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
+        let &Sight { si, bsdf, lobes, .. } = at;
         let share = if self.visible_lights { 1.0 } else { 0.0 };
-        let mut sum = sample_direct(scene, si, bsdf, LobeMask::SMOOTH_WIDE, share, sampler, counters);
+        let mut sum = sample_direct(scene, si, bsdf, lobes, share, sampler, counters);
         if !self.visible_lights {
             return sum;
         }
-        let found = sample_lobe_light(scene, si, bsdf, LobeMask::SMOOTH_WIDE, 1.0, sampler, counters);
+        let found = sample_lobe_light(scene, si, bsdf, lobes, 1.0, sampler, counters);
         if let Some((weight, light)) = found {
             sum += weight * light.emitted * light.weight;
         }
@@ -217,24 +224,22 @@ impl Sppm<'_> {
 
     /// Light that photons have brought; with `ends`, corrected where the surface ends.
     #[inline]
-    fn photons(
-        &self,
-        pixel: usize,
-        si: &SurfaceInteraction,
-        bsdf: &Bsdf,
-        ends: Option<(&Scene, Sampler)>,
-        counters: &mut Counters,
-    ) -> Rgb {
+    fn photons(&self, pixel: usize, at: &Sight, ends: Option<(&Scene, Sampler)>, counters: &mut Counters) -> Rgb {
+        let &Sight { si, bsdf, .. } = at;
         let mut sum = Rgb::BLACK;
         for kind in 0..KINDS {
             let Some(map) = self.maps.kind(kind) else { continue };
+            // What surfaces scatter widely is left to the path where it goes on.
+            let marked = at.lobes;
+            let unmarked = if kind == 0 { marked } else { marked & !at.followed };
+            let lobes = Lobes { marked, unmarked };
             let r_sq = self.radius_sq(pixel, kind);
             let mut bins = None;
             let mut estimate = match self.shared {
                 Some((shared, _)) if shared.tests() => {
-                    map.estimate_in_bins(si, bsdf, r_sq, counters, bins.insert(Bins::default()))
+                    map.estimate_in_bins(si, (bsdf, lobes), r_sq, counters, bins.insert(Bins::default()))
                 }
-                _ => map.estimate(si, bsdf, r_sq, counters),
+                _ => map.estimate(si, (bsdf, lobes), r_sq, counters),
             };
             if let Some((scene, sampler)) = &ends
                 && estimate.count > 0

@@ -46,8 +46,8 @@ impl Sppm<'_> {
             let side = (!both).then(|| si.wo.dot(si.ng) > 0.0);
             found.push(Sighting { p: si.p, ng: si.ng, side, radius_sq });
             // Where the path goes on, use up the numbers that direct light takes, so that it goes the same way.
-            if at.bsdf.lobes().intersects(LobeMask::SPECULAR) {
-                self.direct(scene, si, at.bsdf, sampler, counters);
+            if at.bsdf.lobes().intersects(at.followed) {
+                self.direct(scene, at, sampler, counters);
             }
             Rgb::BLACK
         });
