@@ -236,7 +236,7 @@ fn projection_map(scene: &Scene, resolutions: &[Resolution]) -> Vec<Vec<f64>> {
     let context = scene.light_context();
     let lights = resolutions.iter().enumerate();
     let met = |light: usize, resolution: Resolution, cell: usize, probe: u64| {
-        let hash = hash_u64((light as u64) << 32 | cell as u64, probe);
+        let hash = hash_u64((light * resolution.cells() + cell) as u64, probe);
         let within = |index: usize, n: usize, bits: u64| {
             let jitter = |b: u64| (b & 0xffff) as f32 / 65536.0;
             let (x, y) = ((index % n) as f32 + jitter(bits), (index / n) as f32 + jitter(bits >> 16));
