@@ -234,7 +234,6 @@ fn lift_dim_lights(mut weights: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
 fn projection_map(scene: &Scene, resolutions: &[Resolution]) -> Vec<Vec<f64>> {
     let casters = casters(scene);
     let context = scene.light_context();
-    let lights = resolutions.iter().enumerate();
     let met = |light: usize, resolution: Resolution, cell: usize, probe: u64| {
         let hash = hash_u64((light * resolution.cells() + cell) as u64, probe);
         let within = |index: usize, n: usize, bits: u64| {
@@ -254,7 +253,7 @@ fn projection_map(scene: &Scene, resolutions: &[Resolution]) -> Vec<Vec<f64>> {
             |cell| pmf * (0..PROBES).map(|probe| met(light, resolution, cell, probe)).fold(0.0, f32::max) as f64;
         (0..resolution.cells()).into_par_iter().map(weight).collect()
     };
-    lights.map(of_light).collect()
+    resolutions.par_iter().enumerate().map(of_light).collect()
 }
 
 /// Whether a ray comes within a sphere that is wider by an eighth.
