@@ -54,6 +54,25 @@ fn radius_scale_multiplies_the_radii_that_were_measured() {
     assert!((5.0..20.0).contains(&ratio), "{ratio}");
 }
 
+/// Three passes of four camera samples, asked for by the scene, from outside or by both numbers: the same picture, and another
+/// one than of twelve passes.
+#[test]
+fn a_pass_may_take_more_samples_than_one() {
+    let rendered = |parameter: &str, o: PlanOverrides| {
+        let s = scene(&floor_under_a_pane(parameter), AccelKind::Bvh);
+        let o = PlanOverrides { integrator: Some("sppm".into()), photons: Some(2_000), seed: Some(1), ..o };
+        common::run(&s, o)
+    };
+    let in_file = r#"<integer name="samples_per_pass" value="4"/>"#;
+    let passes = |n| PlanOverrides { passes: Some(n), ..PlanOverrides::default() };
+    let told = rendered("", PlanOverrides { samples_per_pass: Some(4), ..passes(3) });
+    assert_eq!((told.summary.passes, told.summary.spp), (3, 12));
+    assert_eq!(rendered(in_file, passes(3)).image, told.image);
+    assert_eq!(rendered("", PlanOverrides { spp: Some(12), ..passes(3) }).image, told.image);
+    assert_eq!(rendered(in_file, PlanOverrides { spp: Some(12), ..PlanOverrides::default() }).image, told.image);
+    assert_ne!(rendered("", passes(12)).image, told.image);
+}
+
 /// A square that a distant light shines on through a pane that changes nothing, E = π: L = ρE/π = 1 up to its edge. Discs of
 /// radius 0.4, a fifth of the side, keep that size.
 fn lit_square(correction: bool) -> String {

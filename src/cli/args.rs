@@ -201,6 +201,10 @@ pub struct RenderArgs {
     /// Passes to share the samples among; photon maps are made anew for each.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 32))]
     pub passes: Option<u64>,
+    /// Camera samples per pixel in each pass of ppm and sppm, which see the same photons: more where it is not photons that
+    /// make the noise. auto sees to that itself.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 16))]
+    pub samples_per_pass: Option<u64>,
     /// Make only these of the render's passes, for example 0..64; `caustica merge` adds up the checkpoints of all.
     #[arg(long, value_name = "FROM..TO", value_parser = range)]
     pub pass_range: Option<Range<u64>>,
@@ -333,6 +337,9 @@ pub struct ConvergeArgs {
     /// End runs after so many passes rather than by time.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 32), conflicts_with = "time")]
     pub passes: Option<u64>,
+    /// Camera samples per pixel in each pass of ppm and sppm, in place of the scene's.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 16))]
+    pub samples_per_pass: Option<u64>,
     /// Runs of each integrator, with seeds one after the other.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1000), default_value_t = 5)]
     pub seeds: u64,

@@ -95,7 +95,8 @@ fn settings(a: &ConvergeArgs, scene: &Scene) -> Result<ExperimentSettings, CliEr
     }
     let budget = Budget { passes: a.passes, ..Budget::time(a.time) };
     let backends = a.accel.iter().map(|&b| b.into()).collect();
-    Ok(ExperimentSettings { methods, backends, budget, seeds: a.seeds, first_seed: a.seed })
+    let samples_per_pass = a.samples_per_pass;
+    Ok(ExperimentSettings { methods, backends, budget, seeds: a.seeds, first_seed: a.seed, samples_per_pass })
 }
 
 /// The reference that was named, or one made now and kept in the folder.

@@ -50,6 +50,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
         photons: a.photons,
         photon_memory: a.photon_memory,
         passes: a.passes,
+        samples_per_pass: a.samples_per_pass,
         pass_range: a.pass_range.clone(),
         seed: a.seed,
         timed: a.time.is_some(),
@@ -67,6 +68,7 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
         overrides.integrator = Some(choice.method.to_owned());
         // As the pilot took it: photon maps of their own for every pass.
         overrides.fresh_maps = true;
+        overrides.samples_per_pass = a.samples_per_pass.or(choice.samples_per_pass);
     }
     let choosing = started.elapsed().as_secs_f64() - loaded;
     let mut plan = Plan::new(&scene, &overrides)?;
@@ -97,7 +99,8 @@ pub fn run(a: &RenderArgs) -> Result<u8, CliError> {
             eprintln!("{}: {}, {}", t.technique.name(), if t.used { "on" } else { "off" }, t.reason);
         }
         if let Some(choice) = &choice {
-            eprintln!("chose {} ({})", choice.method, choice.reason);
+            let samples = choice.samples_per_pass.filter(|&n| n > 1).map(|n| format!(", {n} camera samples a pass"));
+            eprintln!("chose {}{} ({})", choice.method, samples.unwrap_or_default(), choice.reason);
         }
     }
     // Render; Ctrl-C ends it after the running pass.

@@ -59,6 +59,8 @@ pub struct PlanOverrides {
     /// Bytes that the photon maps of a pass may take; sets the number of photons where `photons` does not.
     pub photon_memory: Option<u64>,
     pub passes: Option<u64>,
+    /// Camera samples per pixel in each pass of `ppm` and `sppm`, where the number of passes does not say it.
+    pub samples_per_pass: Option<u64>,
     /// The passes to make of those.
     pub pass_range: Option<Range<u64>>,
     pub seed: Option<u64>,
@@ -181,12 +183,16 @@ impl Plan {
         let open = o.timed || o.target_error.is_some();
         let max_passes = settings.integer("max_passes").filter(|_| own).and_then(|n| u64::try_from(n).ok());
         let (spp, spp_per_pass) = match (&method, o.passes) {
-            // A pass of fresh photons takes one camera sample, unless both numbers are asked for.
-            (Method::Ppm(_) | Method::Sppm(_), passes) => match (passes.or(max_passes), o.spp) {
-                (Some(passes), Some(spp)) => (spp, spp.div_ceil(passes.max(1))),
-                (Some(passes), None) => (passes.max(1), 1),
-                (None, _) => (spp, 1),
-            },
+            // A pass of fresh photons takes one camera sample, unless more are asked for.
+            (Method::Ppm(_) | Method::Sppm(_), passes) => {
+                let in_file = settings.integer("samples_per_pass").filter(|_| own).and_then(|n| u64::try_from(n).ok());
+                let each = o.samples_per_pass.or(in_file).unwrap_or(1).max(1);
+                match (passes.or(max_passes), o.spp) {
+                    (Some(passes), Some(spp)) => (spp, spp.div_ceil(passes.max(1))),
+                    (Some(passes), None) => (passes.max(1).saturating_mul(each), each),
+                    (None, _) => (spp, each.min(spp)),
+                }
+            }
             (_, Some(passes)) => (spp, spp.div_ceil(passes)),
             // New maps for each pass are worth having only where somebody asked for passes, time or error.
             (Method::PhotonMapper(_), None) if !open && !o.track_error && !o.fresh_maps => (spp, spp),

@@ -25,6 +25,8 @@ pub struct ExperimentSettings {
     pub budget: Budget,
     pub seeds: u64,
     pub first_seed: u64,
+    /// Camera samples per pixel in each pass of `ppm` and `sppm`; `None` takes the scene's.
+    pub samples_per_pass: Option<u64>,
 }
 
 /// Why nothing can be measured.
@@ -102,7 +104,11 @@ impl Experiment {
         stop: &AtomicBool,
         watch: &dyn Watch,
     ) -> Result<(), ExperimentError> {
-        let plans = settings.methods.iter().map(|m| plan(scene, m)).collect::<Result<Vec<_>, _>>()?;
+        let plans = settings
+            .methods
+            .iter()
+            .map(|m| plan(scene, m, settings.samples_per_pass))
+            .collect::<Result<Vec<_>, _>>()?;
         let runs = (plans.len() * settings.backends.len()) as f64 * settings.seeds as f64;
         let mut done = 0.0;
         let mut saved = Instant::now();
@@ -160,10 +166,11 @@ impl Experiment {
 
 /// The plan of a method without an end. Methods without photon maps of their own take one sample a pixel in each pass, so
 /// that there is something to measure early.
-fn plan(scene: &Scene, method: &str) -> Result<Plan, PlanError> {
-    let overrides = PlanOverrides { integrator: Some(method.to_owned()), timed: true, ..PlanOverrides::default() };
+fn plan(scene: &Scene, method: &str, samples_per_pass: Option<u64>) -> Result<Plan, PlanError> {
+    let integrator = Some(method.to_owned());
+    let overrides = PlanOverrides { integrator, samples_per_pass, timed: true, ..PlanOverrides::default() };
     let mut plan = Plan::new(scene, &overrides)?;
-    if !matches!(plan.method, Method::PhotonMapper(_)) {
+    if !matches!(plan.method, Method::PhotonMapper(_) | Method::Ppm(_) | Method::Sppm(_)) {
         plan.spp_per_pass = 1;
     }
     Ok(plan)

@@ -46,10 +46,16 @@ const MAPS_AHEAD: f64 = 1.5;
 /// would take longer than the render.
 const MOST_GATHERED: u32 = 8;
 
-/// The method that promises most is looked at so many times longer, again and again, while that takes no more than this share
-/// of the rays that it promises: two passes tell little of what is rare.
+/// The method that promises most, and those that promise at most so many times its work, are looked at so many times longer,
+/// again and again, while that takes no more than this share of the rays that it promises: two passes tell little of what is
+/// rare.
+const NEAR: f64 = 1.5;
 const LONGER: u64 = 4;
 const LONGER_LOOK: f64 = 0.02;
+
+/// Rare bright light that the camera's paths meet is looked for with this share of the rays that are promised, in so many passes.
+const RARE_LOOK: f64 = 0.05;
+const RARE_PASSES: (u64, u64) = (4, 64);
 
 /// The power of the radius that blur goes with: 1 along edges, 2 where light is curved.
 const BLUR: f64 = 1.5;
@@ -58,6 +64,8 @@ const BLUR: f64 = 1.5;
 #[derive(Clone, Debug, Serialize)]
 pub struct Trial {
     pub method: &'static str,
+    /// Camera samples of a pixel in one pass.
+    pub samples: u64,
     /// relMSE of one pass as the passes differ.
     pub noise: f64,
     /// The part of it that grows as radii shrink: within half the area there is as much more noise.
@@ -86,6 +94,8 @@ impl Trial {
 #[derive(Clone, Debug, Serialize)]
 pub struct Choice {
     pub method: &'static str,
+    /// Camera samples of a pixel in each pass of `sppm`, for [`PlanOverrides::samples_per_pass`]; `None` for other methods.
+    pub samples_per_pass: Option<u64>,
     pub reason: String,
     pub trials: Vec<Trial>,
 }
@@ -110,7 +120,7 @@ pub fn choose(scene: &mut Scene, o: &PlanOverrides) -> Result<Option<Choice>, Pl
     let max_depth = scene.integrator.integer("max_depth").and_then(|d| u32::try_from(d).ok());
     if let Some(edges @ 0..=2) = Needs::of(scene, max_depth, &o.needs).longest_path() {
         let reason = format!("paths have at most {edges} edges: light samples find all there is");
-        return Ok(Some(Choice { method: "path", reason, trials: Vec::new() }));
+        return Ok(Some(Choice { method: "path", samples_per_pass: None, reason, trials: Vec::new() }));
     }
     let merges = Recipe::new(scene, &VcmSettings::default()).settings.merging != Merging::Off;
     let widest = if merges { "vcm" } else { "bdpt" };
@@ -157,7 +167,7 @@ impl Race<'_> {
         let more = if widest == "bdpt" { 1 } else { MORE_PATHS };
         let mut pilots = vec![Pilot::run(self.scene, "path", more * first_passes(self.scene, "path"), self.o)?];
         // Path tracing meets all light that nothing focuses.
-        if widest == "bdpt" && pilots[0].against(&pilots, &guide(&pilots)).work_to_goal() <= OTHER_PILOTS {
+        if widest == "bdpt" && pilots[0].against(&pilots, &guide(&pilots), 0.0).work_to_goal() <= OTHER_PILOTS {
             return Ok(pilots);
         }
         for method in ["sppm", widest] {
@@ -166,32 +176,61 @@ impl Race<'_> {
         Ok(pilots)
     }
 
+    /// Whether the camera's paths may meet lights by chance in what focuses them.
+    fn seen_in_glass(&self, pilots: &[Pilot]) -> bool {
+        pilots.last().is_some_and(|p| p.method == "vcm") && self.scene.lights.iter().any(|l| !l.is_delta())
+    }
+
     /// Compares all with the last. Tries `photonmapper` where that could save much work, and looks longer at the one that
     /// promises most while that takes a small share of what it promises.
     fn run(&self, mut pilots: Vec<Pilot>) -> Result<Vec<Trial>, PlanError> {
         let fine = self.o.target_error.is_some_and(|error| error < GOAL);
         let cheap = matches!(self.mapper.method, Method::PhotonMapper(s) if s.final_gather_samples <= MOST_GATHERED);
         let mut maps: Option<Pilot> = None;
+        let mut rare = Rare::default();
         loop {
             let guide = guide(&pilots);
-            let trials: Vec<Trial> = pilots.iter().chain(&maps).map(|p| p.against(&pilots, &guide)).collect();
+            let trials: Vec<Trial> =
+                pilots.iter().chain(&maps).map(|p| p.against(&pilots, &guide, rare.noise)).collect();
             let ahead = best(&trials);
             let promised = trials[ahead].work_to_goal() * self.pixels;
             if cheap && !fine && maps.is_none() && promised > RAYS_WORTH_MAPS {
                 maps = Some(Pilot::of_maps(self.scene, self.mapper, PASSES, self.pixels));
                 continue;
             }
-            let pilot = pilots.iter().chain(&maps).nth(ahead).expect("there is a pilot for every trial");
-            let passes = LONGER * pilot.passes;
-            if !(pilot.rays * LONGER as f64 <= LONGER_LOOK * promised && promised.is_finite()) {
-                return Ok(trials);
+            if let Some((sppm, trial)) = pilots.iter().zip(&trials).find(|(p, _)| p.method == "sppm")
+                && self.seen_in_glass(&pilots)
+            {
+                // Without photons it is about half of the work.
+                let work = 0.5 * (sppm.work - sppm.photon_work) * sppm.noise.len() as f64;
+                let passes = ((RARE_LOOK * promised / work) as u64).min(RARE_PASSES.1);
+                if passes >= RARE_PASSES.0.max(LONGER * rare.passes) {
+                    let told = trial.samples as f64 * (trial.noise - trial.photon_noise) - rare.noise;
+                    let noise = (sppm.camera_noise(self.scene, passes, self.o)? - told).max(0.0);
+                    rare = Rare { noise, passes };
+                    continue;
+                }
             }
-            match pilots.get_mut(ahead) {
+            // The one of those near the best that has been looked at least.
+            let near = |i: &usize| handicapped(&trials[*i]) <= NEAR * handicapped(&trials[ahead]);
+            let look = |i: usize| pilots.iter().chain(&maps).nth(i).map(|p| (i, p.passes, p.rays * LONGER as f64));
+            let looks = (0..trials.len()).filter(near).filter_map(look).filter(|l| l.2 <= LONGER_LOOK * promised);
+            let next = looks.min_by(|a, b| a.2.total_cmp(&b.2)).filter(|_| promised.is_finite());
+            let Some((i, passes, _)) = next else { return Ok(trials) };
+            let passes = LONGER * passes;
+            match pilots.get_mut(i) {
                 Some(pilot) => *pilot = Pilot::run(self.scene, pilot.method, passes, self.o)?,
                 None => maps = Some(Pilot::of_maps(self.scene, self.mapper, passes, self.pixels)),
             }
         }
     }
+}
+
+/// Noise that rare bright light adds to every camera sample, as so many passes tell it.
+#[derive(Default)]
+struct Rare {
+    noise: f64,
+    passes: u64,
 }
 
 /// Passes that the pilot of a method makes at first.
@@ -200,10 +239,15 @@ fn first_passes(scene: &Scene, method: &str) -> u64 {
     if method == "sppm" { PASSES } else { PASSES.max(SAMPLES / scene.film.window.pixels().max(1)) }
 }
 
-/// The trial that promises the least work, by such work as `photonmapper` has to be ahead by.
+/// The trial that promises the least work.
 fn best(trials: &[Trial]) -> usize {
-    let work = |t: &Trial| t.work_to_goal() * if t.method == "photonmapper" { MAPS_AHEAD } else { 1.0 };
-    (0..trials.len()).min_by(|&a, &b| work(&trials[a]).total_cmp(&work(&trials[b]))).expect("there are candidates")
+    let work = |&i: &usize| handicapped(&trials[i]);
+    (0..trials.len()).min_by(|a, b| work(a).total_cmp(&work(b))).expect("there are candidates")
+}
+
+/// The work that a trial promises, as the race counts it.
+fn handicapped(trial: &Trial) -> f64 {
+    trial.work_to_goal() * if trial.method == "photonmapper" { MAPS_AHEAD } else { 1.0 }
 }
 
 /// Takes the one that promises most.
@@ -215,5 +259,6 @@ fn judge(trials: Vec<Trial>) -> Choice {
     };
     let told: Vec<String> = trials.iter().map(tell).collect();
     let reason = format!("rays per pixel to relmse {GOAL}: {}", told.join(", "));
-    Choice { method: trials[best(&trials)].method, reason, trials }
+    let Trial { method, samples, .. } = trials[best(&trials)];
+    Choice { method, samples_per_pass: (method == "sppm").then_some(samples), reason, trials }
 }

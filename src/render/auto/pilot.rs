@@ -3,6 +3,7 @@
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use super::verdict::noise_with_rare;
 use super::{BLUR, PASSES};
 use crate::color::Rgb;
 use crate::gather::NARROW;
@@ -36,8 +37,10 @@ pub(super) struct Pilot {
     pub method: &'static str,
     pub passes: u64,
     /// Camera samples that a pass of the render takes of a pixel; one in the pilot.
-    pub samples: f64,
+    pub samples: u64,
     pub work: f64,
+    /// What of that photons are, where all samples of a pass see the same.
+    pub photon_work: f64,
     pub preparation: f64,
     /// What the pilot itself took, in rays.
     pub rays: f64,
@@ -105,7 +108,7 @@ impl Pilot {
             _ => None,
         };
         let pixels = scene.film.window.pixels().max(1) as f64;
-        let mut pilot = Self::of(scene, method, &plan, alpha, |c| work(c, &plan.method) / pixels);
+        let mut pilot = Self::of(scene, method, &plan, alpha, |c| work(c, &plan.method).map(|w| w / pixels));
         if let Method::Sppm(s) = plan.method {
             pilot.preparation += SETUP * pilot.work;
             // As many paths as are seen, which scales all photons of a pass.
@@ -116,7 +119,7 @@ impl Pilot {
 
     /// Tries a plan of `photonmapper`, made for a film of `pixels`, on that of `scene`.
     pub fn of_maps(scene: &Scene, plan: &Plan, passes: u64, pixels: f64) -> Self {
-        let samples = plan.spp_per_pass as f64;
+        let samples = plan.spp_per_pass;
         let mut small = Plan {
             passes: 0..passes,
             spp_per_pass: 1,
@@ -139,7 +142,7 @@ impl Pilot {
         let pilot_pixels = scene.film.window.pixels().max(1) as f64;
         let mut pilot = Self::of(scene, "photonmapper", &small, Some(1.0), |c| {
             // Samples are seen twice.
-            PHOTON_RAY * c.photon_rays as f64 / (MAP_SHARE * pixels) + samples * 0.5 * seen(c) / pilot_pixels
+            [PHOTON_RAY * c.photon_rays as f64 / (MAP_SHARE * pixels), samples as f64 * 0.5 * seen(c) / pilot_pixels]
         });
         pilot.samples = samples;
         if let Some(discs) = &mut pilot.discs {
@@ -149,38 +152,74 @@ impl Pilot {
         pilot
     }
 
-    /// Makes the passes of a plan; `cost` is that of what has been counted, per pixel of the render.
+    /// The noise of one camera sample that meets lights by itself or draws one, as so many passes of this pilot's method without
+    /// photons tell it: with what is rare and bright, as small images of a lamp in glass.
+    ///
+    /// All methods have that noise, as they all have these paths. The passes share no samples with this pilot, and what they are
+    /// relative to knows no sample that it is told for.
+    pub fn camera_noise(&self, scene: &Scene, passes: u64, o: &PlanOverrides) -> Result<f64, PlanError> {
+        let overrides = PlanOverrides {
+            integrator: Some(self.method.to_owned()),
+            passes: Some(passes),
+            track_error: true,
+            needs: o.needs.clone(),
+            ..PlanOverrides::default()
+        };
+        let mut plan = Plan::new(scene, &overrides)?;
+        plan.seed = o.seed.unwrap_or(plan.seed).wrapping_add(1);
+        if let Method::Sppm(s) = &mut plan.method {
+            (s.caustics, s.indirect, s.initial_radius) = (false, false, Some(1.0));
+        }
+        let stop = AtomicBool::new(false);
+        let control = Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent };
+        let mut session = Session::new(scene, &plan);
+        let mut before = vec![[0.0; 3]; self.noise.len()];
+        let mut pictures = Vec::new();
+        while !session.finished() {
+            session.step(&control);
+            let now = &session.doubt().expect("the plan tracks its error").pixels.sum;
+            let pass = now.iter().zip(&before).map(|(n, b)| Rgb::from([0, 1, 2].map(|c| (n[c] - b[c]) as f32)));
+            pictures.push(Image::rgb(self.image.width(), self.image.height(), pass.collect()));
+            before.clone_from(now);
+        }
+        Ok(noise_with_rare(&pictures, &self.image))
+    }
+
+    /// Makes the passes of a plan; `cost` is that of the photons and of the samples counted, per pixel of the render.
     fn of(
         scene: &Scene,
         method: &'static str,
         plan: &Plan,
         alpha: Option<f64>,
-        cost: impl Fn(&Counters) -> f64,
+        cost: impl Fn(&Counters) -> [f64; 2],
     ) -> Self {
         let passes = plan.passes.end - plan.passes.start;
         let stop = AtomicBool::new(false);
         let control = Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent };
         let mut session = Session::new(scene, plan);
         let mut narrow = NarrowSpread::new(session.image().pixels().len());
-        let mut works = Vec::new();
+        let mut costs = Vec::new();
         while !session.finished() {
             session.step(&control);
             narrow.add(session.doubt().expect("the plan tracks its error"), &session.image());
-            works.push(cost(&session.summary.counters));
+            costs.push(cost(&session.summary.counters));
         }
         let (image, doubt) = (session.image(), session.doubt().expect("the plan tracks its error"));
         let counters = session.summary.counters;
         let area = |alpha| mean_area(PASSES, alpha) / mean_area(passes, alpha);
         // The first pass also has what comes before it.
-        let work = (works[works.len() - 1] - works[0]) / (works.len() - 1) as f64;
+        let (first, last) = (costs[0], costs[costs.len() - 1]);
+        let [photon_work, sample_work] = [0, 1].map(|i| (last[i] - first[i]) / (costs.len() - 1) as f64);
+        let work = photon_work + sample_work;
         let of_a_pass = |variance: Vec<Rgb>| -> Vec<Rgb> { variance.iter().map(|&v| v * passes as f32).collect() };
         Self {
             method,
             passes,
-            samples: 1.0,
+            samples: 1,
             common_factor: false,
             work,
-            preparation: (works[0] - work).max(0.0),
+            photon_work,
+            preparation: (first[0] + first[1] - work).max(0.0),
             rays: counters.photon_rays as f64 + seen(&counters),
             noise: of_a_pass(doubt.variance().expect("two passes")),
             means: block_means(&image),
@@ -234,14 +273,14 @@ fn mean_area(passes: u64, alpha: f64) -> f64 {
     passes as f64 / (0..passes).map(|i| 1.0 / radius_sq_ratio(i, alpha)).sum::<f64>()
 }
 
-/// Closest-hit rays that everything counted is worth, less what was seen a second time to tell the blur.
-fn work(c: &Counters, method: &Method) -> f64 {
+/// Closest-hit rays that the photons and the samples counted are worth, less what was seen a second time to tell the blur.
+fn work(c: &Counters, method: &Method) -> [f64; 2] {
     // Of eight scenes, 0.8 to 1.3 for a photon's ray and 0.5 to 2.3 for a look-up, shading included.
     let (photons, seen) = (c.photon_rays as f64, seen(c));
     match method {
-        Method::Sppm(_) => photons + 0.5 * seen,
-        Method::Vcm(v) if v.merging != Merging::Off => 0.5 * (photons + seen),
-        _ => photons + seen,
+        Method::Sppm(_) => [photons, 0.5 * seen],
+        Method::Vcm(v) if v.merging != Merging::Off => [0.5 * photons, 0.5 * seen],
+        _ => [photons, seen],
     }
 }
 
@@ -285,11 +324,12 @@ mod tests {
         let pixels = scene.film.window.pixels() as f64;
         let told = Pilot::of_maps(&scene, &plan, 8, pixels);
         let plan = Plan { track_error: true, ..plan };
-        let all =
-            Pilot::of(&scene, "photonmapper", &plan, None, |c| (PHOTON_RAY * c.photon_rays as f64 + seen(c)) / pixels);
+        let all = Pilot::of(&scene, "photonmapper", &plan, None, |c| {
+            [PHOTON_RAY * c.photon_rays as f64 / pixels, seen(c) / pixels]
+        });
         let pilots = [all];
         let guide = guide(&pilots);
-        let (told, all) = (told.against(&pilots, &guide), pilots[0].against(&pilots, &guide));
+        let (told, all) = (told.against(&pilots, &guide, 0.0), pilots[0].against(&pilots, &guide, 0.0));
         assert!((0.6..1.7).contains(&(told.noise / all.noise)), "{told:?} {all:?}");
         assert!((0.8..1.25).contains(&(told.work / all.work)), "{told:?} {all:?}");
     }
@@ -308,8 +348,8 @@ mod tests {
         });
         let pixels = scene.film.window.pixels() as f64;
         let maps = Pilot::of_maps(&scene, &mapper, PASSES, pixels);
-        let widest = [Pilot::of(&scene, "vcm", &Plan { passes: 0..4, ..vcm }, None, |c| seen(c) / pixels)];
-        let trial = maps.against(&widest, &guide(&widest));
+        let widest = [Pilot::of(&scene, "vcm", &Plan { passes: 0..4, ..vcm }, None, |c| [0.0, seen(c) / pixels])];
+        let trial = maps.against(&widest, &guide(&widest), 0.0);
         assert!((0.01..0.08).contains(&trial.blur) && trial.passes.is_infinite(), "{trial:?}");
     }
 }

@@ -18,6 +18,12 @@ const SURE_TWICE: f64 = 3.0;
 /// Share of the goal that light which a method has not found may take; beyond, its noise cannot be believed.
 const LEAST_MISSING: f64 = 0.25;
 
+/// Pixels around one that tell what rare bright samples are beside.
+const AROUND: u32 = 3;
+
+/// Camera samples of a pixel that a pass of `sppm` may take.
+const SAMPLES_OF_A_PASS: [u64; 5] = [1, 2, 4, 8, 16];
+
 /// How far a pilot's picture is smoothed, in pixels, and the relative variance that is left where it is far enough.
 const REACHES: [u32; 4] = [1, 3, 5, 8];
 const SMOOTH_ENOUGH: f64 = 0.1;
@@ -48,6 +54,31 @@ fn square(value: f32) -> f64 {
 fn relative(variance: &[Rgb], squares: impl Iterator<Item = [f64; 3]>) -> f64 {
     let of = |(v, s): (&Rgb, [f64; 3])| (0..3).map(|c| f64::from(v[c]) / s[c]).sum::<f64>() / 3.0;
     variance.iter().zip(squares).map(of).sum::<f64>() / variance.len() as f64
+}
+
+/// relMSE of one of several passes, each relative to what the others tell, so that a rare bright sample is not in what it is
+/// relative to.
+///
+/// That is the pixel or what is around it, there or in `picture`, whichever is brightest: few passes do not tell apart what
+/// fills a tenth of a pixel and what fills a thousandth.
+pub(super) fn noise_with_rare(passes: &[Image], picture: &Image) -> f64 {
+    let (n, pixels) = (passes.len() as f32, passes[0].pixels().len());
+    let sum = |i: usize| passes.iter().map(|pass| pass.pixels()[i]).sum::<Rgb>();
+    let sums = Image::rgb(picture.width(), picture.height(), (0..pixels).map(sum).collect());
+    let [around, picture] = [&sums, picture].map(|image| smooth(image, AROUND));
+    let mut noise = 0.0;
+    for pass in passes {
+        let around_here = smooth(pass, AROUND);
+        for (i, &value) in pass.pixels().iter().enumerate() {
+            for c in 0..3 {
+                let others = [(sums.pixels()[i][c], value[c]), (around.pixels()[i][c], around_here.pixels()[i][c])];
+                let brightest = others.iter().map(|(all, here)| (all - here) / (n - 1.0)).fold(0.0, f32::max);
+                let off = value[c] - sums.pixels()[i][c] / n;
+                noise += f64::from(off * off) / square(brightest.max(picture.pixels()[i][c]));
+            }
+        }
+    }
+    noise / (3.0 * f64::from(n - 1.0) * pixels as f64)
 }
 
 /// Means over each pixel and those up to `reach` rows and columns away.
@@ -84,8 +115,9 @@ impl Pilot {
         smoothed.expect("there are reaches")
     }
 
-    /// What this promises beside all, the widest last, with errors relative to `guide`.
-    pub fn against(&self, all: &[Self], guide: &[[f64; 3]]) -> Trial {
+    /// What this promises beside all, the widest last, with errors relative to `guide` and the noise that
+    /// [rare light](Self::camera_noise) adds to every camera sample.
+    pub fn against(&self, all: &[Self], guide: &[[f64; 3]], rare: f64) -> Trial {
         let widest = all.last().expect("there are candidates");
         let mut noise = relative(&self.noise, guide.iter().copied());
         let factor = if self.common_factor { factor(&self.means, &widest.means) } else { 1.0 };
@@ -111,18 +143,32 @@ impl Pilot {
             blur = discs.blurred(self.passes, guide) * discs.blur;
             alpha = discs.alpha;
         }
+        let of_samples = noise - photon_noise + rare;
         // Samples of a pass see the same photons.
-        let of_samples = (noise - photon_noise) / self.samples;
-        noise = of_samples + photon_noise;
-        let passes = match self.method {
-            "sppm" => passes_to_goal(of_samples, photon_noise, off.max(blur), alpha),
-            "photonmapper" if blur > MOST_BLUR * GOAL => f64::INFINITY,
-            "photonmapper" => passes_to_goal(of_samples, photon_noise, blur, alpha),
-            _ if off > LEAST_MISSING * GOAL || missing > LEAST_LIGHT => f64::INFINITY,
-            _ => passes_to_goal(of_samples, photon_noise, blur, alpha),
+        let with = |samples: u64| {
+            let noise = of_samples / samples as f64;
+            let passes = match self.method {
+                "sppm" => passes_to_goal(noise, photon_noise, off.max(blur), alpha),
+                "photonmapper" if blur > MOST_BLUR * GOAL => f64::INFINITY,
+                "photonmapper" => passes_to_goal(noise, photon_noise, blur, alpha),
+                _ if off > LEAST_MISSING * GOAL || missing > LEAST_LIGHT => f64::INFINITY,
+                _ => passes_to_goal(noise, photon_noise, blur, alpha),
+            };
+            let (work, preparation) = (self.work_of(samples), self.preparation);
+            let noise = noise + photon_noise;
+            Trial { method: self.method, samples, noise, photon_noise, blur, off, missing, work, preparation, passes }
         };
-        let (work, preparation) = (self.work, self.preparation);
-        Trial { method: self.method, noise, photon_noise, blur, off, missing, work, preparation, passes }
+        if self.method != "sppm" {
+            return with(self.samples);
+        }
+        let trials = SAMPLES_OF_A_PASS.map(with);
+        trials.into_iter().min_by(|a, b| a.work_to_goal().total_cmp(&b.work_to_goal())).expect("there are some")
+    }
+
+    /// The work of a pass with so many samples of a pixel, in place of those that the render would take.
+    fn work_of(&self, samples: u64) -> f64 {
+        let seen = self.work - self.photon_work;
+        self.photon_work + seen * samples as f64 / self.samples as f64
     }
 
     /// Share of the picture's light that the widest of `all` finds, and this does not, in blocks where it surely has more
@@ -227,8 +273,9 @@ mod tests {
         Pilot {
             method,
             passes,
-            samples: 1.0,
+            samples: 1,
             work,
+            photon_work: 0.0,
             preparation: 0.0,
             rays: 0.0,
             common_factor: false,
@@ -252,6 +299,28 @@ mod tests {
                 assert!((0.8..1.3).contains(&told), "{} of {rarity}: {told} of the noise", pilot.method);
             }
         }
+    }
+
+    /// One sample in a thousand is 300 times as bright as the rest: a variance of 89 over the square of what is around, of which
+    /// a third is lost where others are near; relative to the four samples of such a pixel, it would be below 0.01.
+    /// An edge is little rare light, once there are passes enough to see it: a tenth of each pixel in every eighth column is a
+    /// hundred times as bright, 7.4 over the square of that pixel and 0.9 on the average; what varies in the squares doubles it.
+    /// In even light nothing is rare: a third of the square.
+    #[test]
+    fn rare_samples_are_not_what_they_are_relative_to() {
+        let (width, height) = (96, 96);
+        let mut s = Sampler::new(Sequence::Independent, Key::new(3, Purpose::Test, 0), 0);
+        let mut passes = |n: usize, f: &dyn Fn(u32, f32) -> f32| -> Vec<Image> {
+            (0..n).map(|_| Image::from_fn(width, height, |x, _| Rgb::splat(f(x, s.next_1d())))).collect()
+        };
+        let even = Image::from_fn(width, height, |_, _| Rgb::splat(1.0));
+        let told = noise_with_rare(&passes(4, &|_, u| if u < 1e-3 { 300.0 } else { 1.0 }), &even);
+        assert!((40.0..90.0).contains(&told), "{told}");
+        let edges = |x: u32, u: f32| if x.is_multiple_of(8) && u < 0.1 { 100.0 } else { 1.0 };
+        let told = noise_with_rare(&passes(48, &edges), &even);
+        assert!((0.9..2.5).contains(&told), "{told}");
+        let ordinary = noise_with_rare(&passes(4, &|_, u| 2.0 * u), &even);
+        assert!((0.2..0.4).contains(&ordinary), "{ordinary}");
     }
 
     /// Camera samples alone need noise over goal; photons alone N^(1 − α) times as many, less what the middle radius stands

@@ -114,6 +114,7 @@ const PROGRESSIVE: Params = &[
     ("alpha", Fraction),
     ("max_passes", Depth),
     ("photons_per_pass", Count),
+    ("samples_per_pass", Count),
     ("lookup_size", Count),
     ("radius_floor", Length),
     ("shared_statistics", Switch),
