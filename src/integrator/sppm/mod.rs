@@ -115,6 +115,17 @@ impl SppmSettings {
         self.shared_statistics || self.chi_squared_radius
     }
 
+    /// The way of camera paths.
+    fn walk(&self) -> LobeWalk {
+        LobeWalk {
+            max_depth: self.max_depth,
+            rr_depth: self.rr_depth,
+            hide_emitters: self.hide_emitters,
+            least: Some(LEAST),
+            narrow: self.indirect,
+        }
+    }
+
     /// How the photons of one map are shot.
     pub fn shoot_settings(&self, seed: u64, pass: u64, target: Target, sequence: Sequence) -> ShootSettings {
         // The camera path adds an edge.
@@ -177,25 +188,25 @@ impl Integrator for Sppm<'_> {
     fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
         let pixel = self.radii.index(sample.pixel);
         let mut first = self.settings.boundary_correction;
-        self.walk().radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
+        let walk = self.settings.walk();
+        walk.radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
             let ends = std::mem::take(&mut first).then_some((scene, *sampler));
             self.direct(scene, at, sampler, counters) + self.photons(pixel, at, ends, counters)
         })
     }
 }
 
-impl Sppm<'_> {
-    fn walk(&self) -> LobeWalk {
-        let s = &self.settings;
-        LobeWalk {
-            max_depth: s.max_depth,
-            rr_depth: s.rr_depth,
-            hide_emitters: s.hide_emitters,
-            least: Some(LEAST),
-            narrow: s.indirect,
-        }
-    }
+/// Nothing but the lights that camera paths meet, at once or through mirrors and glass.
+pub struct LightsMet(pub SppmSettings);
 
+impl Integrator for LightsMet {
+    fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
+        let walk = LobeWalk { narrow: false, ..self.0.walk() };
+        walk.radiance(scene, &sample.camera_ray, sampler, counters, |_, _, _| Rgb::BLACK)
+    }
+}
+
+impl Sppm<'_> {
     /// Squared radius within which a pixel is read in this pass, scene units.
     #[inline]
     fn radius_sq(&self, pixel: usize, kind: usize) -> f32 {

@@ -39,7 +39,7 @@ impl Sppm<'_> {
         let pixel = self.radii.index(sample.pixel);
         let radius_sq = std::array::from_fn(|kind| self.radius_sq(pixel, kind));
         // Lights are of no interest here.
-        let walk = LobeWalk { least: None, ..self.walk() };
+        let walk = LobeWalk { least: None, ..self.settings.walk() };
         walk.radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
             let si = at.si;
             let both = at.bsdf.transmits(LobeMask::SMOOTH_WIDE);

@@ -55,7 +55,7 @@ const LONGER_LOOK: f64 = 0.02;
 
 /// Rare bright light that the camera's paths meet is looked for with this share of the rays that are promised, in so many passes.
 const RARE_LOOK: f64 = 0.05;
-const RARE_PASSES: (u64, u64) = (4, 64);
+const RARE_PASSES: (u64, u64) = (4, 16);
 
 /// The power of the radius that blur goes with: 1 along edges, 2 where light is curved.
 const BLUR: f64 = 1.5;
@@ -201,8 +201,8 @@ impl Race<'_> {
             if let Some((sppm, trial)) = pilots.iter().zip(&trials).find(|(p, _)| p.method == "sppm")
                 && self.seen_in_glass(&pilots)
             {
-                // Without photons it is about half of the work.
-                let work = 0.5 * (sppm.work - sppm.photon_work) * sppm.noise.len() as f64;
+                // Of a camera sample, about a quarter goes into what it meets.
+                let work = 0.25 * (sppm.work - sppm.photon_work) * sppm.noise.len() as f64;
                 let passes = ((RARE_LOOK * promised / work) as u64).min(RARE_PASSES.1);
                 if passes >= RARE_PASSES.0.max(LONGER * rare.passes) {
                     let told = trial.samples as f64 * (trial.noise - trial.photon_noise) - rare.noise;
@@ -212,12 +212,12 @@ impl Race<'_> {
                 }
             }
             // The one of those near the best that has been looked at least.
-            let near = |i: &usize| handicapped(&trials[*i]) <= NEAR * handicapped(&trials[ahead]);
-            let look = |i: usize| pilots.iter().chain(&maps).nth(i).map(|p| (i, p.passes, p.rays * LONGER as f64));
-            let looks = (0..trials.len()).filter(near).filter_map(look).filter(|l| l.2 <= LONGER_LOOK * promised);
-            let next = looks.min_by(|a, b| a.2.total_cmp(&b.2)).filter(|_| promised.is_finite());
-            let Some((i, passes, _)) = next else { return Ok(trials) };
-            let passes = LONGER * passes;
+            let near = |i: usize| handicapped(&trials[i]) <= NEAR * handicapped(&trials[ahead]);
+            let looks = pilots.iter().chain(&maps).map(|p| (LONGER * p.passes, p.rays * LONGER as f64)).enumerate();
+            let looks =
+                looks.filter(|&(i, (_, rays))| near(i) && rays <= LONGER_LOOK * promised && promised.is_finite());
+            let next = looks.min_by(|a, b| a.1.1.total_cmp(&b.1.1));
+            let Some((i, (passes, _))) = next else { return Ok(trials) };
             match pilots.get_mut(i) {
                 Some(pilot) => *pilot = Pilot::run(self.scene, pilot.method, passes, self.o)?,
                 None => maps = Some(Pilot::of_maps(self.scene, self.mapper, passes, self.pixels)),

@@ -6,13 +6,14 @@ use std::time::Instant;
 use super::verdict::noise_with_rare;
 use super::{BLUR, PASSES};
 use crate::color::Rgb;
+use crate::film::Film;
 use crate::gather::NARROW;
 use crate::image::{Image, block_means};
-use crate::integrator::sppm::{PhotonSampling, radius_sq_ratio};
+use crate::integrator::sppm::{LightsMet, PhotonSampling, radius_sq_ratio};
 use crate::integrator::vcm::Merging;
 use crate::render::doubt::EXTRAPOLATE;
 use crate::render::spread::Spread;
-use crate::render::{Control, Doubt, Method, Plan, PlanError, PlanOverrides, Session, Silent};
+use crate::render::{Control, Doubt, Method, Plan, PlanError, PlanOverrides, Session, Silent, render_pass};
 use crate::scene::Scene;
 use crate::tally::Counters;
 
@@ -152,36 +153,23 @@ impl Pilot {
         pilot
     }
 
-    /// The noise of one camera sample that meets lights by itself or draws one, as so many passes of this pilot's method without
-    /// photons tell it: with what is rare and bright, as small images of a lamp in glass.
+    /// The noise of one camera sample from lights that its path meets through mirrors and glass, as so many passes tell it: with
+    /// what is rare and bright, as small images of a lamp.
     ///
     /// All methods have that noise, as they all have these paths. The passes share no samples with this pilot, and what they are
     /// relative to knows no sample that it is told for.
     pub fn camera_noise(&self, scene: &Scene, passes: u64, o: &PlanOverrides) -> Result<f64, PlanError> {
-        let overrides = PlanOverrides {
-            integrator: Some(self.method.to_owned()),
-            passes: Some(passes),
-            track_error: true,
-            needs: o.needs.clone(),
-            ..PlanOverrides::default()
+        let overrides =
+            PlanOverrides { integrator: Some("sppm".to_owned()), needs: o.needs.clone(), ..PlanOverrides::default() };
+        let plan = Plan::new(scene, &overrides)?;
+        let Method::Sppm(settings) = plan.method else { return Ok(0.0) };
+        let seed = o.seed.unwrap_or(plan.seed).wrapping_add(1);
+        let picture = |pass| {
+            let mut film = Film::new(scene.film.window, scene.film.filter);
+            render_pass(scene, &LightsMet(settings), &mut film, seed, pass..pass + 1, &|_| {});
+            film.develop(0.0)
         };
-        let mut plan = Plan::new(scene, &overrides)?;
-        plan.seed = o.seed.unwrap_or(plan.seed).wrapping_add(1);
-        if let Method::Sppm(s) = &mut plan.method {
-            (s.caustics, s.indirect, s.initial_radius) = (false, false, Some(1.0));
-        }
-        let stop = AtomicBool::new(false);
-        let control = Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent };
-        let mut session = Session::new(scene, &plan);
-        let mut before = vec![[0.0; 3]; self.noise.len()];
-        let mut pictures = Vec::new();
-        while !session.finished() {
-            session.step(&control);
-            let now = &session.doubt().expect("the plan tracks its error").pixels.sum;
-            let pass = now.iter().zip(&before).map(|(n, b)| Rgb::from([0, 1, 2].map(|c| (n[c] - b[c]) as f32)));
-            pictures.push(Image::rgb(self.image.width(), self.image.height(), pass.collect()));
-            before.clone_from(now);
-        }
+        let pictures: Vec<Image> = (0..passes).map(picture).collect();
         Ok(noise_with_rare(&pictures, &self.image))
     }
 

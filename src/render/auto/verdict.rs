@@ -21,6 +21,10 @@ const LEAST_MISSING: f64 = 0.25;
 /// Pixels around one that tell what rare bright samples are beside.
 const AROUND: u32 = 3;
 
+/// The noise of photons of `sppm` at least, as a share of what rare light adds to a camera sample: it is as rare, and two passes
+/// tell as little of it.
+const RARE_PHOTONS: f64 = 0.25;
+
 /// Camera samples of a pixel that a pass of `sppm` may take.
 const SAMPLES_OF_A_PASS: [u64; 5] = [1, 2, 4, 8, 16];
 
@@ -56,29 +60,31 @@ fn relative(variance: &[Rgb], squares: impl Iterator<Item = [f64; 3]>) -> f64 {
     variance.iter().zip(squares).map(of).sum::<f64>() / variance.len() as f64
 }
 
-/// relMSE of one of several passes, each relative to what the others tell, so that a rare bright sample is not in what it is
-/// relative to.
+/// relMSE of one of several passes, so told that rare bright samples count: each pass is relative to what the others have in
+/// the pixel or to what is around it, in all passes or in `picture`, whichever is brightest.
 ///
-/// That is the pixel or what is around it, there or in `picture`, whichever is brightest: few passes do not tell apart what
-/// fills a tenth of a pixel and what fills a thousandth.
+/// In the mean of all passes a bright sample of a pixel would hide itself: it is met once in the pixel, and looks as if it was
+/// met in one pass of so many. What is around, more samples by far, tells how rare it is. The result is less by its standard
+/// error as the passes tell it: a single bright sample tells nothing.
 pub(super) fn noise_with_rare(passes: &[Image], picture: &Image) -> f64 {
-    let (n, pixels) = (passes.len() as f32, passes[0].pixels().len());
+    let n = passes.len() as f32;
     let sum = |i: usize| passes.iter().map(|pass| pass.pixels()[i]).sum::<Rgb>();
-    let sums = Image::rgb(picture.width(), picture.height(), (0..pixels).map(sum).collect());
-    let [around, picture] = [&sums, picture].map(|image| smooth(image, AROUND));
-    let mut noise = 0.0;
-    for pass in passes {
-        let around_here = smooth(pass, AROUND);
-        for (i, &value) in pass.pixels().iter().enumerate() {
-            for c in 0..3 {
-                let others = [(sums.pixels()[i][c], value[c]), (around.pixels()[i][c], around_here.pixels()[i][c])];
-                let brightest = others.iter().map(|(all, here)| (all - here) / (n - 1.0)).fold(0.0, f32::max);
-                let off = value[c] - sums.pixels()[i][c] / n;
-                noise += f64::from(off * off) / square(brightest.max(picture.pixels()[i][c]));
-            }
-        }
-    }
-    noise / (3.0 * f64::from(n - 1.0) * pixels as f64)
+    let means = (0..passes[0].pixels().len()).map(|i| sum(i) * (1.0 / n)).collect();
+    let means = Image::rgb(picture.width(), picture.height(), means);
+    let [around, picture] = [&means, picture].map(|image| smooth(image, AROUND));
+    let of_channel = |i: usize, c: usize, value: f32| {
+        let mean = means.pixels()[i][c];
+        let others = (n * mean - value) / (n - 1.0);
+        let brightest = others.max(around.pixels()[i][c]).max(picture.pixels()[i][c]);
+        f64::from((value - mean).powi(2)) / square(brightest)
+    };
+    let of_pixel = |(i, value): (usize, &Rgb)| (0..3).map(|c| of_channel(i, c, value[c])).sum::<f64>();
+    let of_pass = |pass: &Image| pass.pixels().iter().enumerate().map(of_pixel).sum::<f64>();
+    let noise: Vec<f64> = passes.iter().map(of_pass).collect();
+    let (n, pixels) = (f64::from(n), means.pixels().len() as f64);
+    let mean = noise.iter().sum::<f64>() / n;
+    let doubt = (noise.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt();
+    (mean - doubt) * n / (n - 1.0) / (3.0 * pixels)
 }
 
 /// Means over each pixel and those up to `reach` rows and columns away.
@@ -144,6 +150,10 @@ impl Pilot {
             alpha = discs.alpha;
         }
         let of_samples = noise - photon_noise + rare;
+        if self.method == "sppm" {
+            // What camera samples seldom meet, photons seldom bring.
+            photon_noise = photon_noise.max(RARE_PHOTONS * rare);
+        }
         // Samples of a pass see the same photons.
         let with = |samples: u64| {
             let noise = of_samples / samples as f64;
@@ -301,8 +311,8 @@ mod tests {
         }
     }
 
-    /// One sample in a thousand is 300 times as bright as the rest: a variance of 89 over the square of what is around, of which
-    /// a third is lost where others are near; relative to the four samples of such a pixel, it would be below 0.01.
+    /// One sample in a thousand is 300 times as bright as the rest: a variance of 89 over the square of the rest, 53 over that of
+    /// the mean, of which 31 are told by 16 passes; relative to the 16 samples of such a pixel, it would be 0.25.
     /// An edge is little rare light, once there are passes enough to see it: a tenth of each pixel in every eighth column is a
     /// hundred times as bright, 7.4 over the square of that pixel and 0.9 on the average; what varies in the squares doubles it.
     /// In even light nothing is rare: a third of the square.
@@ -314,8 +324,8 @@ mod tests {
             (0..n).map(|_| Image::from_fn(width, height, |x, _| Rgb::splat(f(x, s.next_1d())))).collect()
         };
         let even = Image::from_fn(width, height, |_, _| Rgb::splat(1.0));
-        let told = noise_with_rare(&passes(4, &|_, u| if u < 1e-3 { 300.0 } else { 1.0 }), &even);
-        assert!((40.0..90.0).contains(&told), "{told}");
+        let told = noise_with_rare(&passes(16, &|_, u| if u < 1e-3 { 300.0 } else { 1.0 }), &even);
+        assert!((20.0..45.0).contains(&told), "{told}");
         let edges = |x: u32, u: f32| if x.is_multiple_of(8) && u < 0.1 { 100.0 } else { 1.0 };
         let told = noise_with_rare(&passes(48, &edges), &even);
         assert!((0.9..2.5).contains(&told), "{told}");
