@@ -202,7 +202,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 32))]
     pub passes: Option<u64>,
     /// Camera samples per pixel in each pass of ppm and sppm, which see the same photons: more where it is not photons that
-    /// make the noise. auto sees to that itself.
+    /// make the noise. auto sees to that itself; --spp and --passes together say it, too.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 16))]
     pub samples_per_pass: Option<u64>,
     /// Make only these of the render's passes, for example 0..64; `caustica merge` adds up the checkpoints of all.

@@ -108,8 +108,9 @@ pub struct Choice {
 /// same samples see narrower discs once more: noise that this adds grows as radii shrink, and what it sharpens is blur. Where
 /// nothing focuses light and `path` promises to be done before the others have been tried, it is taken without them; where all
 /// promise much work, `photonmapper` is tried as well, and taken if what it blurs stays below half of the goal and it promises
-/// much less work. The one that promises most is looked at longer where that takes little of what it promises. Cost is counted
-/// in rays and look-ups rather than in seconds, so that the choice depends on the scene and the seed alone.
+/// much less work. Where something focuses light, rare bright light that camera paths meet is looked for by itself. The one that
+/// promises most and those near it are looked at longer where that takes little of what it promises. Cost is counted in rays and
+/// look-ups rather than in seconds, so that the choice depends on the scene and the seed alone.
 ///
 /// # Errors
 /// As [`Plan::new`].
@@ -181,8 +182,8 @@ impl Race<'_> {
         pilots.last().is_some_and(|p| p.method == "vcm") && self.scene.lights.iter().any(|l| !l.is_delta())
     }
 
-    /// Compares all with the last. Tries `photonmapper` where that could save much work, and looks longer at the one that
-    /// promises most while that takes a small share of what it promises.
+    /// Compares all with the last. Tries `photonmapper` where that could save much work, looks for rare light, and looks longer at
+    /// those that promise most, while that takes a small share of what they promise.
     fn run(&self, mut pilots: Vec<Pilot>) -> Result<Vec<Trial>, PlanError> {
         let fine = self.o.target_error.is_some_and(|error| error < GOAL);
         let cheap = matches!(self.mapper.method, Method::PhotonMapper(s) if s.final_gather_samples <= MOST_GATHERED);

@@ -156,8 +156,7 @@ impl Pilot {
     /// The noise of one camera sample from lights that its path meets through mirrors and glass, as so many passes tell it: with
     /// what is rare and bright, as small images of a lamp.
     ///
-    /// All methods have that noise, as they all have these paths. The passes share no samples with this pilot, and what they are
-    /// relative to knows no sample that it is told for.
+    /// All methods have that noise, as they all have these paths. The passes share no samples with this pilot.
     pub fn camera_noise(&self, scene: &Scene, passes: u64, o: &PlanOverrides) -> Result<f64, PlanError> {
         let overrides =
             PlanOverrides { integrator: Some("sppm".to_owned()), needs: o.needs.clone(), ..PlanOverrides::default() };
