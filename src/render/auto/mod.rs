@@ -182,8 +182,8 @@ impl Race<'_> {
         pilots.last().is_some_and(|p| p.method == "vcm") && self.scene.lights.iter().any(|l| !l.is_delta())
     }
 
-    /// Compares all with the last. Tries `photonmapper` where that could save much work, looks for rare light, and looks longer at
-    /// those that promise most, while that takes a small share of what they promise.
+    /// Compares all with the last. Tries `photonmapper` where that could save much work, looks for rare light, and looks longer
+    /// at those that promise most, while that takes a small share of what they promise.
     fn run(&self, mut pilots: Vec<Pilot>) -> Result<Vec<Trial>, PlanError> {
         let fine = self.o.target_error.is_some_and(|error| error < GOAL);
         let cheap = matches!(self.mapper.method, Method::PhotonMapper(s) if s.final_gather_samples <= MOST_GATHERED);
@@ -202,7 +202,7 @@ impl Race<'_> {
             if let Some((sppm, trial)) = pilots.iter().zip(&trials).find(|(p, _)| p.method == "sppm")
                 && self.seen_in_glass(&pilots)
             {
-                // Of a camera sample, about a quarter goes into what it meets.
+                // Of the work of a camera sample, a quarter is assumed for what its path meets.
                 let work = 0.25 * (sppm.work - sppm.photon_work) * sppm.noise.len() as f64;
                 let passes = ((RARE_LOOK * promised / work) as u64).min(RARE_PASSES.1);
                 if passes >= RARE_PASSES.0.max(LONGER * rare.passes) {
