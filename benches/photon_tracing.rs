@@ -18,7 +18,7 @@ use caustica::shoot::{Emission, ShootSettings, Target, WalkSettings, shoot_paths
 const PATHS: u64 = 1 << 16;
 const ROUNDS: usize = 9;
 /// What one round does so often, since some machines count processor time in steps of milliseconds.
-const REPEATS: usize = 8;
+const REPEATS: usize = 32;
 
 fn main() {
     let given: Vec<PathBuf> = std::env::args().skip(1).filter(|a| a.ends_with(".xml")).map(PathBuf::from).collect();

@@ -24,7 +24,7 @@ mod with_embree {
 
     use caustica::accel::{Accel, AccelKind};
     use caustica::geometry::Ray;
-    use embree4_sys::{Packet16, raw};
+    use embree4_sys::{Coherence, Packet16, raw};
 
     use super::meshes::{Class, bumpy_ball, ray, set_of};
 
@@ -65,7 +65,7 @@ mod with_embree {
                     scene.occluded16(&mut packet);
                     (0..packet.len()).filter(|&i| packet.is_occluded(i)).count()
                 } else {
-                    scene.intersect16(&mut packet);
+                    scene.intersect16(&mut packet, Coherence::Coherent);
                     (0..packet.len()).filter(|&i| packet.hit(i).is_some()).count()
                 }
             };

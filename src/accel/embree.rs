@@ -34,6 +34,20 @@ impl EmbreeAccel {
         self.top.intersect1(query(ray)).map(|hit| self.translate(hit))
     }
 
+    /// The nearest hits of `rays`, as many as there is room for in `hits`; those of [`EmbreeAccel::intersect`], asked for in
+    /// packets of sixteen.
+    #[inline]
+    pub fn intersect_all<'a>(&self, mut rays: impl Iterator<Item = &'a Ray>, hits: &mut [Option<Hit>]) {
+        let mut packet = rtc::Packet16::default();
+        for hits in hits.chunks_mut(16) {
+            packet.set(rays.by_ref().take(hits.len()).map(|ray| if is_traceable(ray) { query(ray) } else { NOTHING }));
+            self.top.intersect16(&mut packet, rtc::Coherence::Incoherent);
+            for (lane, hit) in hits.iter_mut().enumerate() {
+                *hit = packet.hit(lane).map(|hit| self.translate(hit));
+            }
+        }
+    }
+
     /// True when anything lies on `ray`.
     #[inline]
     pub fn occluded(&self, ray: &Ray) -> bool {
@@ -65,6 +79,9 @@ impl EmbreeAccel {
         Hit { t, u, v, shape, prim, instance }
     }
 }
+
+/// A query that ends before it begins.
+const NOTHING: rtc::Ray = rtc::Ray { origin: [0.0; 3], direction: [0.0, 0.0, 1.0], tnear: 1.0, tfar: 0.0 };
 
 /// Our rays begin behind 0 and end before `tmax`; Embree's begin at `tnear` and end at `tfar`.
 #[inline]
@@ -234,6 +251,39 @@ mod tests {
                 assert_eq!((hit.t, hit.shape, hit.prim), (0.5, 100, 0), "{options:?}");
                 assert_eq!(accel.description().ends_with("fast mode"), mode == Mode::Fast);
             }
+        }
+    }
+
+    /// In packets, whatever else is in them: triangles, analytic shapes, and placed copies of both.
+    #[test]
+    fn many_rays_at_once_find_what_each_finds() {
+        let place = |i: u32| Instance {
+            group: 0,
+            to_world: Transform::new(
+                DMat4::from_translation(DVec3::new(f64::from(i), 3.0, 0.0)) * DMat4::from_rotation_x(f64::from(i)),
+            )
+            .expect("regular"),
+        };
+        let mut shapes: Vec<Shape> = (0..40).map(|i| square(i as f32 * 0.1)).collect();
+        shapes.extend((0..5).map(|i| sphere(Vec3::new(i as f32, 0.3, 1.0), 0.7)));
+        let accel = built(GeometrySet {
+            shapes,
+            top: (0..45).collect(),
+            groups: vec![vec![3, 20, 41]],
+            instances: (0..6).map(place).collect(),
+        });
+        let coordinate = |i: u64| (crate::sample::mix64(i) >> 40) as f32 / (1u64 << 22) as f32 - 2.0;
+        let point = |i: u64| Vec3::new(coordinate(3 * i), coordinate(3 * i + 1), coordinate(3 * i + 2));
+        let mut rays: Vec<Ray> =
+            (0..5000).map(|i| Ray::new(3.0 * point(2 * i), 2.0 * point(2 * i + 1) - 3.0 * point(2 * i))).collect();
+        (rays[4].d, rays[17].o.x) = (Vec3::ZERO, f32::NAN);
+        let expected: Vec<_> = rays.iter().map(|ray| accel.intersect(ray)).collect();
+        let placed = expected.iter().flatten().filter(|hit| hit.instance != NO_INSTANCE).count();
+        assert!(placed > 200 && expected.iter().flatten().count() > placed + 500, "{placed} on placed copies");
+        for len in [1, 16, 17, 5000] {
+            let mut hits = vec![expected[0]; len];
+            accel.intersect_all(rays.iter(), &mut hits);
+            assert_eq!(hits, expected[..len]);
         }
     }
 

@@ -145,6 +145,16 @@ impl Accel {
         }
     }
 
+    /// The nearest hits of `rays`, as many as there is room for in `hits`: those of [`Accel::intersect`], found together.
+    #[inline(always)]
+    pub fn intersect_all<'a>(&self, rays: impl Iterator<Item = &'a Ray>, hits: &mut [Option<Hit>]) {
+        match self {
+            #[cfg(embree)]
+            Accel::Embree(a) => a.intersect_all(rays, hits),
+            Accel::Bvh(a) => a.intersect_all(rays, hits),
+        }
+    }
+
     /// True when anything lies on `ray`.
     #[inline(always)]
     pub fn occluded(&self, ray: &Ray) -> bool {

@@ -12,12 +12,17 @@ use crate::math::{Bounds3, Frame, Transform, gamma};
 /// computes without cancellation [Haines, Akenine-Möller 2019, "Precision Improvements for Ray/Sphere Intersection"].
 #[inline]
 fn roots(a: f64, b: f64, c: f64, disc: f64) -> Option<[f64; 2]> {
-    if !(disc >= 0.0 && a > 0.0) {
-        return None;
-    }
+    let (real, roots) = roots_if_real(a, b, c, disc);
+    real.then_some(roots)
+}
+
+/// [`roots`] without branches: whether there are any, and what they are then.
+#[inline(always)]
+fn roots_if_real(a: f64, b: f64, c: f64, disc: f64) -> (bool, [f64; 2]) {
     let q = b + (disc * a).sqrt().copysign(b);
     let (r0, r1) = (c / q, q / a);
-    Some(if r0 < r1 { [r0, r1] } else { [r1, r0] })
+    let [r0, r1] = if r0 < r1 { [r0, r1] } else { [r1, r0] };
+    ((disc >= 0.0) & (a > 0.0), [r0, r1])
 }
 
 /// Rounds a root to f32 if it lies on the ray.
@@ -106,15 +111,25 @@ impl Sphere {
     }
 
     pub(super) fn intersect_in_f64(&self, ray: &Ray) -> Option<f32> {
-        let (o, d) = (ray.o.as_dvec3() - self.center.as_dvec3(), ray.d.as_dvec3());
+        let (found, t) = self.meet(ray.o, ray.d, ray.tmax);
+        found.then_some(t)
+    }
+
+    /// [`Sphere::intersect`] of a ray that is [traceable](is_traceable), without branches, for loops that are to become
+    /// vectors: whether it is hit, and the ray parameter.
+    #[inline(always)]
+    pub fn meet(&self, o: Vec3, d: Vec3, tmax: f32) -> (bool, f32) {
+        let (o, d) = (o.as_dvec3() - self.center.as_dvec3(), d.as_dvec3());
         let r = self.radius as f64;
         // Measure the miss distance at the closest approach: `b² − ac` would subtract large products. The squares of f32
         // lengths that are subtracted here keep 29 bits more than t.
         let a = d.length_squared();
         let b = -o.dot(d);
         let miss_sq = (o + d * (b / a)).length_squared();
-        let [t0, t1] = roots(a, b, o.length_squared() - r * r, r * r - miss_sq)?;
-        on_ray(t0, ray).or_else(|| on_ray(t1, ray))
+        let (real, [t0, t1]) = roots_if_real(a, b, o.length_squared() - r * r, r * r - miss_sq);
+        let (t0, t1) = (t0 as f32, t1 as f32);
+        let on_ray = |t: f32| (t > 0.0) & (t < tmax);
+        (real & (on_ray(t0) | on_ray(t1)), if on_ray(t0) { t0 } else { t1 })
     }
 
     /// Whether f32 is enough to tell that the line of the ray misses, or that the ray leads away.

@@ -41,7 +41,9 @@ impl ShearedRay {
         } else {
             2
         };
-        AXES[kz][usize::from(d.to_array()[kz] < 0.0)].map(usize::from)
+        // Written out: what is handed to `map` may stay a call.
+        let [x, y, z] = AXES[kz][usize::from(d.to_array()[kz] < 0.0)];
+        [x as usize, y as usize, z as usize]
     }
 }
 
@@ -72,7 +74,13 @@ impl PreciseRay {
     #[inline(always)]
     pub fn new(ray: &Ray, [x, y, z]: [usize; 3]) -> Self {
         let (o, d) = (ray.o.to_array(), ray.d.to_array());
-        Self { o: [o[x] as f64, o[y] as f64, o[z] as f64], d: [d[x] as f64, d[y] as f64, d[z] as f64] }
+        Self::permuted([o[x], o[y], o[z]], [d[x], d[y], d[z]])
+    }
+
+    /// From coordinates that are permuted already.
+    #[inline(always)]
+    pub fn permuted(o: [f32; 3], d: [f32; 3]) -> Self {
+        Self { o: [o[0] as f64, o[1] as f64, o[2] as f64], d: [d[0] as f64, d[1] as f64, d[2] as f64] }
     }
 
     /// [`intersect_triangle`] with a triangle whose corners have permuted coordinates.
@@ -83,6 +91,24 @@ impl PreciseRay {
     /// promise.
     #[inline(always)]
     pub fn intersect(&self, tri: [[f32; 3]; 3], tmax: f32) -> Option<(f32, f32, f32)> {
+        let edges = self.edges(tri);
+        if !edges.inside() {
+            return None;
+        }
+        let (ahead, t, u, v) = edges.at(self.d[2], tmax);
+        ahead.then_some((t, u, v))
+    }
+
+    /// [`PreciseRay::intersect`] without branches, for loops that are to become vectors: whether it is hit, and `t`, `u`, `v`.
+    #[inline(always)]
+    pub fn meet(&self, tri: [[f32; 3]; 3], tmax: f32) -> (bool, f32, f32, f32) {
+        let edges = self.edges(tri);
+        let (ahead, t, u, v) = edges.at(self.d[2], tmax);
+        (edges.inside() & ahead, t, u, v)
+    }
+
+    #[inline(always)]
+    fn edges(&self, tri: [[f32; 3]; 3]) -> Edges {
         let (o, d) = (self.o, self.d);
         // Shear without the division, which only scales all three edge functions by dz².
         let shear = |p: [f32; 3]| {
@@ -90,22 +116,36 @@ impl PreciseRay {
             (x * d[2] - d[0] * z, y * d[2] - d[1] * z, z)
         };
         let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) = (shear(tri[0]), shear(tri[1]), shear(tri[2]));
-        let u = cx * by - cy * bx;
-        let v = ax * cy - ay * cx;
-        let w = bx * ay - by * ax;
-        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-            return None;
-        }
-        let rcp = 1.0 / ((u + v + w) * d[2]);
-        let t = ((u * az + v * bz + w * cz) * rcp) as f32;
+        Edges { u: cx * by - cy * bx, v: ax * cy - ay * cx, w: bx * ay - by * ax, z: [az, bz, cz] }
+    }
+}
+
+/// The edge functions of a triangle beside a ray, and the depths of its corners.
+#[derive(Clone, Copy)]
+struct Edges {
+    u: f64,
+    v: f64,
+    w: f64,
+    z: [f64; 3],
+}
+
+impl Edges {
+    #[inline(always)]
+    fn inside(&self) -> bool {
+        let Self { u, v, w, .. } = *self;
+        !(((u < 0.0) | (v < 0.0) | (w < 0.0)) & ((u > 0.0) | (v > 0.0) | (w > 0.0)))
+    }
+
+    /// Whether the plane is met with `0 < t < tmax`; `t` and the weights of the second and third corner.
+    #[inline(always)]
+    fn at(&self, dz: f64, tmax: f32) -> (bool, f32, f32, f32) {
+        let Self { u, v, w, z } = *self;
+        let rcp = 1.0 / ((u + v + w) * dz);
+        let t = ((u * z[0] + v * z[1] + w * z[2]) * rcp) as f32;
+        let rcp = rcp * dz;
+        let weight = |x: f64| ((x * rcp) as f32).clamp(0.0, 1.0);
         // An infinite reciprocal or NaN fails the comparisons.
-        if t > 0.0 && t < tmax {
-            let rcp = rcp * d[2];
-            let weight = |x: f64| ((x * rcp) as f32).clamp(0.0, 1.0);
-            Some((t, weight(v), weight(w)))
-        } else {
-            None
-        }
+        ((t > 0.0) & (t < tmax), t, weight(v), weight(w))
     }
 }
 

@@ -52,7 +52,7 @@ impl LightSelector {
     }
 
     /// A light and its probability. `None` when no light emits.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, u: f32) -> Option<(usize, f32)> {
         if self.len() == 1 {
             let p = self.pmf(0);

@@ -3,7 +3,8 @@
 /// Weights that are negative or not finite count as zero. Sums are in f64.
 #[derive(Clone, Debug, Default)]
 pub struct Cdf {
-    /// `cumulative[i]` is the probability of the items before `i`; one entry more than there are items.
+    /// `cumulative[i]` is the probability of the items before `i`; one entry more than there are items, and behind them
+    /// [`STRIDE`] that no number reaches.
     cumulative: Vec<f32>,
     /// For each of `2ᵏ` equal parts of [0, 1) the number of entries up to where it begins, and their number in all; empty for
     /// few or very many items.
@@ -13,6 +14,9 @@ pub struct Cdf {
 
 /// Items from which on a guide is worth its memory.
 const GUIDED: usize = 8;
+
+/// Entries that are compared at a time.
+const STRIDE: usize = 4;
 
 impl Cdf {
     pub fn new(weights: impl IntoIterator<Item = f64>) -> Self {
@@ -25,7 +29,7 @@ impl Cdf {
             sums.push(total);
         }
         let inv = if total > 0.0 { 1.0 / total } else { 0.0 };
-        let cumulative: Vec<f32> = sums.iter().map(|s| (s * inv) as f32).collect();
+        let mut cumulative: Vec<f32> = sums.iter().map(|s| (s * inv) as f32).collect();
         let guide = if (GUIDED..u16::MAX as usize).contains(&cumulative.len()) && total > 0.0 {
             let parts = (cumulative.len() / 2).next_power_of_two();
             let before = |part: usize| cumulative.partition_point(|&c| c <= part as f32 / parts as f32) as u16;
@@ -33,22 +37,35 @@ impl Cdf {
         } else {
             Vec::new()
         };
+        cumulative.extend([f32::INFINITY; STRIDE]);
         Self { cumulative, guide, total }
     }
 
     /// Number of entries up to `u`, 0 ≤ u < 1.
     #[inline(always)]
     fn up_to(&self, u: f32) -> usize {
-        let entries = |part: &[f32]| part.partition_point(|&c| c <= u);
-        let Some(parts) = self.guide.len().checked_sub(1) else { return entries(&self.cumulative) };
-        // A power of two: the product is exact.
-        let part = ((u * parts as f32) as usize).min(parts - 1);
-        let (low, high) = (self.guide[part] as usize, self.guide[part + 1] as usize);
-        low + entries(&self.cumulative[low..high])
+        let mut low = 0;
+        if let Some(parts) = self.guide.len().checked_sub(1) {
+            // A power of two: the product is exact.
+            let part = ((u * parts as f32) as usize).min(parts - 1);
+            low = self.guide[part] as usize;
+        } else if self.cumulative.len() > GUIDED + STRIDE {
+            return self.cumulative.partition_point(|&c| c <= u);
+        }
+        // Count in place of branches that nobody can foresee; there is rarely more than one round.
+        loop {
+            let next = &self.cumulative[low..low + STRIDE];
+            let passed = next.iter().map(|&c| usize::from(c <= u)).sum::<usize>();
+            low += passed;
+            if passed < STRIDE {
+                return low;
+            }
+        }
     }
 
+    #[inline]
     pub fn len(&self) -> usize {
-        self.cumulative.len().saturating_sub(1)
+        self.cumulative.len().saturating_sub(1 + STRIDE)
     }
 
     pub fn is_empty(&self) -> bool {
@@ -212,6 +229,7 @@ mod tests {
             let weights = (0..len).map(|i| [0.0, 1e-9, 1.0, 3.0, 1e4][(i * 7 + i / 3) % 5]);
             let cdf = Cdf::new(weights);
             assert_eq!(cdf.guide.is_empty(), len < GUIDED - 1, "{len}");
+            assert_eq!(cdf.len(), len);
             let edges = cdf.cumulative.iter().flat_map(|&c| [c.next_down(), c, c.next_up()]);
             for u in edges.chain((0..10_000).map(|i| i as f32 * 1e-4)).filter(|u| (0.0..1.0).contains(u)) {
                 assert_eq!(cdf.up_to(u), cdf.cumulative.partition_point(|&c| c <= u), "{len} items, {u}");

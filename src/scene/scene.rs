@@ -136,6 +136,18 @@ impl Scene {
         }
     }
 
+    /// [`Scene::hit`] of many rays at once: as many of `rays` as there is room for in `hits`.
+    #[inline(always)]
+    pub fn hit_all<'a>(&self, rays: impl Iterator<Item = &'a mut Ray>, hits: &mut [Option<Hit>]) {
+        if self.nested.is_none() {
+            self.accel.intersect_all(rays.map(|ray| &*ray), hits);
+        } else {
+            for (ray, hit) in rays.zip(hits) {
+                *hit = self.hit(ray);
+            }
+        }
+    }
+
     /// What is known about a hit of `ray`.
     #[inline(always)]
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {

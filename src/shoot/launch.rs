@@ -87,26 +87,20 @@ impl Launch {
                 (self.light[i], pdf[i]) = (light as u32, p);
             }
         }
-        // Those of one light start together.
-        let ctx = scene.light_context();
-        let first = self.light[0];
-        if first != NONE && self.light[..self.len].iter().all(|&light| light == first) {
-            scene.lights[first as usize].sample_le_all(&ctx, &numbers, &mut self.starts);
-        } else {
-            self.start_mixed(scene, &numbers);
-        }
+        self.start(scene, &numbers);
         for (i, pdf) in pdf.into_iter().enumerate() {
             let (o, d, weight) = self.starts.get(i);
             self.starts.set(i, (o, d, weight * (inv_emitted / pdf)));
         }
     }
 
-    /// Starts the paths of several lights, one light after the other.
-    #[inline(never)]
-    fn start_mixed(&mut self, scene: &Scene, numbers: &StartNumbers) {
+    /// Starts the paths of one light after the other, those of each together.
+    #[inline(always)]
+    fn start(&mut self, scene: &Scene, numbers: &StartNumbers) {
         let ctx = scene.light_context();
+        let all: u32 = (0..self.len).filter(|&i| self.light[i] != NONE).map(|i| 1 << i).sum();
+        let mut left = all;
         self.starts = Starts::ZERO;
-        let mut left: u32 = (0..self.len).filter(|&i| self.light[i] != NONE).map(|i| 1 << i).sum();
         while left != 0 {
             let light = self.light[left.trailing_zeros() as usize];
             let members: u32 = lanes(left).filter(|&i| self.light[i] == light).map(|i| 1 << i).sum();
@@ -121,13 +115,21 @@ impl Launch {
                 }
                 continue;
             }
-            let (mut own, mut starts) = (StartNumbers::ZERO, Starts::ZERO);
-            for (to, from) in lanes(members).enumerate() {
-                let (pos, dir): (Vec2, Vec2) = numbers.get(from);
-                own.set(to, pos, dir);
+            // Side by side, where others stand between them.
+            let (mut own, mut starts) = (*numbers, Starts::ZERO);
+            if members != all {
+                for (to, from) in lanes(members).enumerate() {
+                    let (pos, dir): (Vec2, Vec2) = numbers.get(from);
+                    own.set(to, pos, dir);
+                }
             }
             light.sample_le_all(&ctx, &own, &mut starts);
+            if members == all && self.len == STARTS {
+                self.starts = starts;
+                continue;
+            }
             for (from, to) in lanes(members).enumerate() {
+                let from = if members == all { to } else { from };
                 self.starts.set(to, starts.get(from));
             }
         }

@@ -260,9 +260,7 @@ impl Deposit {
             if len == 0 {
                 break;
             }
-            for (flight, hit) in wave[..len].iter_mut().zip(&mut hits) {
-                *hit = scene.hit(&mut flight.ray);
-            }
+            scene.hit_all(wave[..len].iter_mut().map(|flight| &mut flight.ray), &mut hits[..len]);
             if far {
                 scene.geometry.touch(&hits[..len]);
             }

@@ -1,5 +1,5 @@
 use crate::scene::Handle;
-use crate::{Device, Hit, Packet16, Ray, raw};
+use crate::{Coherence, Device, Hit, Packet16, Ray, raw};
 
 /// A built scene: immutable, and open to queries from many threads.
 pub struct CommittedScene {
@@ -38,14 +38,15 @@ impl CommittedScene {
         query.tfar < 0.0
     }
 
-    /// The nearest hits of up to sixteen similar rays; read them with [`Packet16::hit`].
+    /// The nearest hits of up to sixteen rays; read them with [`Packet16::hit`]. What is said of their coherence decides how
+    /// the tree is walked, not what is found.
     #[inline]
-    pub fn intersect16(&self, packet: &mut Packet16) {
+    pub fn intersect16(&self, packet: &mut Packet16, coherence: Coherence) {
         packet.clear_hits();
         // SAFETY: the scene is live and committed; the type aligns the mask, and lanes in use are initialised with
         // nothing hit.
         unsafe {
-            raw::intersect16(packet.valid.as_ptr(), self.handle.raw, &mut packet.query, raw::Coherence::Coherent);
+            raw::intersect16(packet.valid.as_ptr(), self.handle.raw, &mut packet.query, coherence);
         }
     }
 

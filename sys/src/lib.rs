@@ -38,6 +38,8 @@ pub use error::{Error, ErrorKind};
 #[cfg(embree)]
 pub use packet::Packet16;
 #[cfg(embree)]
+pub use raw::Coherence;
+#[cfg(embree)]
 pub use ray::{Hit, NO_INSTANCE, Ray};
 #[cfg(embree)]
 pub use scene::{Quality, Scene, TriangleBuffers};

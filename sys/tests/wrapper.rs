@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use embree4_sys::{
-    CommittedScene, Device, Error, ErrorKind, Hit, NO_INSTANCE, Packet16, Ray, Scene, TriangleBuffers, UserGeometry,
-    UserHit,
+    Coherence, CommittedScene, Device, Error, ErrorKind, Hit, NO_INSTANCE, Packet16, Ray, Scene, TriangleBuffers,
+    UserGeometry, UserHit,
 };
 
 struct Mesh {
@@ -294,7 +294,7 @@ fn packets_find_what_single_rays_find() {
             .collect();
         packet.set(rays.iter().copied());
         assert_eq!(packet.len(), rays.len());
-        scene.intersect16(&mut packet);
+        scene.intersect16(&mut packet, Coherence::Coherent);
         for (i, &r) in rays.iter().enumerate() {
             let (single, many) = (scene.intersect1(r), packet.hit(i));
             rays_done += 1;

@@ -59,13 +59,18 @@ pub(super) struct FlatBlock {
     /// Corners as in [`Block`](super::wide::Block).
     v: [[Row; 3]; 3],
     pub id: [u32; FLAT_LANES],
+    /// The shape, and the triangle of the mesh.
+    pub shape: [u32; FLAT_LANES],
+    pub prim: [u32; FLAT_LANES],
 }
 
 /// Everything in a group, and what bounds the errors of volumes.
 #[derive(Debug)]
 pub(super) struct Flat {
-    blocks: Vec<FlatBlock>,
-    singles: ArrayVec<Child, FLAT_SINGLES>,
+    pub blocks: Vec<FlatBlock>,
+    pub singles: ArrayVec<Child, FLAT_SINGLES>,
+    /// Triangles in all blocks.
+    pub triangles: usize,
     /// Largest coordinate of a corner.
     size: f32,
     /// See [`Flat::prepare`].
@@ -130,6 +135,8 @@ impl FlatBlock {
         slope_error: [0.0; FLAT_LANES],
         v: [[[f32::NAN; FLAT_LANES]; 3]; 3],
         id: [u32::MAX; FLAT_LANES],
+        shape: [0; FLAT_LANES],
+        prim: [0; FLAT_LANES],
     };
 
     fn set(&mut self, lane: usize, id: u32, corners: [Vec3; 3], size: f64) {
@@ -170,7 +177,7 @@ impl FlatBlock {
     }
 
     #[inline(always)]
-    fn corner(&self, vertex: usize, lane: usize, [x, y, z]: [usize; 3]) -> [f32; 3] {
+    pub fn corner(&self, vertex: usize, lane: usize, [x, y, z]: [usize; 3]) -> [f32; 3] {
         let v = &self.v[vertex];
         [v[x][lane], v[y][lane], v[z][lane]]
     }
@@ -210,7 +217,10 @@ impl Flat {
         let mut blocks = vec![FlatBlock::EMPTY; triangles.div_ceil(FLAT_LANES)];
         let (mut moment, mut edge, mut area) = (0f64, 0f64, 0f64);
         for (i, &(id, t)) in corners.iter().enumerate() {
-            blocks[i / FLAT_LANES].set(i % FLAT_LANES, id, t, f64::from(size));
+            let (block, lane) = (&mut blocks[i / FLAT_LANES], i % FLAT_LANES);
+            block.set(lane, id, t, f64::from(size));
+            let (part, prim) = parts.find(id);
+            (block.shape[lane], block.prim[lane]) = (part.index, prim);
             let [a, b, c] = t.map(|p| p.as_dvec3());
             let sum = |v: DVec3| v.abs().element_sum();
             moment = moment.max(sum(a.cross(b))).max(sum(b.cross(c)));
@@ -223,6 +233,7 @@ impl Flat {
         Some(Self {
             blocks,
             singles: singles.collect(),
+            triangles,
             size,
             volume_error: up(epsilon * (12.0 * moment + 8.0 * area + of_f64)),
             origin_error: up(epsilon * 36.0 * edge),

@@ -14,6 +14,7 @@ mod simd;
 mod tests;
 mod traverse;
 mod validate;
+mod wave;
 mod wide;
 
 use std::sync::Arc;
@@ -103,6 +104,12 @@ impl Bvh {
     #[inline(always)]
     pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
         traverse::intersect(self, ray)
+    }
+
+    /// The nearest hits of `rays`, as many as there is room for in `hits`, bit for bit those of [`Bvh::intersect`].
+    #[inline(always)]
+    pub fn intersect_all<'a>(&self, rays: impl Iterator<Item = &'a Ray>, hits: &mut [Option<Hit>]) {
+        wave::intersect_all(self, rays, hits);
     }
 
     /// True when anything lies on `ray`.

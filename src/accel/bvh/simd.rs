@@ -12,6 +12,7 @@ use super::binned::{self, Binning, Bins, PrimRef, Recipe};
 use super::flat::{self, Flat, FlatRay};
 use super::kernel::{Kernel, Portable};
 use super::traverse::{self, Best};
+use super::wave::{self, Candidates, Wave};
 use super::wide::{Block, Child, Node8, Tree};
 use super::{Bvh, Isa};
 use crate::geometry::{Ray, is_traceable};
@@ -109,6 +110,17 @@ fn test_all<const ANY: bool>(bvh: &Bvh, tree: &Tree, flat: (&Flat, &FlatRay), ra
         #[cfg(target_arch = "x86_64")]
         Isa::Avx2 => unsafe { x86::test_all_avx2::<ANY>(bvh, tree, flat, ray, placed, best) },
         _ => flat::test_all::<Portable, ANY>(bvh, tree, flat, ray, placed, best),
+    }
+}
+
+/// [`wave::meet_triangles`] by the instruction set `isa` of a [`Bvh`].
+#[inline(always)]
+pub(super) fn meet_triangles(isa: Isa, wave: &Wave, candidates: &mut Candidates, flat: &Flat) {
+    match isa {
+        // SAFETY: `Bvh::isa` is only ever set to an available instruction set.
+        #[cfg(target_arch = "x86_64")]
+        Isa::Avx512 => unsafe { x86::meet_triangles(wave, candidates, flat) },
+        _ => wave::meet_triangles(wave, candidates, flat),
     }
 }
 

@@ -391,18 +391,81 @@ fn few_triangles_are_found_as_by_brute_force() {
         let mut mesh = room(&mut rng);
         mesh.positions = mesh.positions.as_slice().iter().map(|&p| (p + offset) * scale).collect::<Vec<_>>().into();
         let mut bvh = Bvh::build(mesh_set(mesh.clone())).expect("small");
-        for i in 0..4000 {
-            let ray = between_triangles(&mut rng, &mesh, scale, i);
-            let expected = brute_force(&bvh.set, &ray);
-            hits += usize::from(expected.is_some());
-            for isa in available() {
-                bvh.isa = isa;
-                assert_eq!(bvh.intersect(&ray), expected, "{isa:?} {scale:e} {ray:?}");
-                assert_eq!(bvh.occluded(&ray), expected.is_some(), "{isa:?} {scale:e} {ray:?}");
+        let rays: Vec<Ray> = (0..4000).map(|i| between_triangles(&mut rng, &mesh, scale, i)).collect();
+        let expected: Vec<_> = rays.iter().map(|ray| brute_force(&bvh.set, ray)).collect();
+        hits += expected.iter().flatten().count();
+        for isa in available() {
+            bvh.isa = isa;
+            for (ray, &expected) in rays.iter().zip(&expected) {
+                assert_eq!(bvh.intersect(ray), expected, "{isa:?} {scale:e} {ray:?}");
+                assert_eq!(bvh.occluded(ray), expected.is_some(), "{isa:?} {scale:e} {ray:?}");
             }
+            assert_eq!(all_hits(&bvh, &rays), expected, "{isa:?} {scale:e}");
         }
     }
     assert!(hits > 7000, "{hits}");
+}
+
+fn all_hits(bvh: &Bvh, rays: &[Ray]) -> Vec<Option<Hit>> {
+    // What was there before does not stay.
+    let stale = Hit { t: 1.0, u: 0.0, v: 0.0, shape: 7, prim: 7, instance: 7 };
+    let mut hits = vec![Some(stale); rays.len()];
+    bvh.intersect_all(rays.iter(), &mut hits);
+    hits
+}
+
+/// In groups without a tree, with and without triangles and shapes of other kinds, and with one.
+#[test]
+fn many_rays_at_once_find_what_each_finds() {
+    let mut rng = Random::new(13);
+    let place = |rng: &mut Random| {
+        let matrix = DMat4::from_translation(rng.vec3().as_dvec3()) * DMat4::from_scale(DVec3::splat(0.4));
+        Transform::new(matrix).expect("regular")
+    };
+    for (triangles, others) in [(0, 1), (1, 0), (16, 2), (17, 0), (33, 3), (48, 4), (48, 0), (49, 1), (0, 5)] {
+        let mut shapes = vec![Shape::Mesh(Arc::new(soup(&mut rng, triangles, 0.5)))];
+        for i in 0..others {
+            let to_world = place(&mut rng);
+            let center = to_world.point(Vec3::ZERO);
+            shapes.push(match i % 3 {
+                0 => Shape::Sphere(Sphere { center, radius: 0.4, flip_normals: false, uv: false, to_world }),
+                1 => Shape::Disk(Disk { to_world, flip_normals: false }),
+                _ => Shape::Sphere(Sphere { center, radius: 1e-3, flip_normals: true, uv: false, to_world }),
+            });
+        }
+        // All once more, at the same distances.
+        let copy = shapes[0].clone();
+        if triangles == 17 {
+            shapes.push(copy);
+        }
+        let top = (0..shapes.len() as u32).collect();
+        let set = Arc::new(GeometrySet { shapes, top, ..Default::default() });
+        let mut bvh = Bvh::build(set).expect("small");
+        let bad = [f32::NAN, f32::INFINITY, 0.0];
+        let mut rays: Vec<Ray> = (0..1001)
+            .map(|i| {
+                let far = if i % 7 == 0 { 1e4 } else { 2.0 };
+                let o = far * rng.direction();
+                Ray::segment(o, 0.5 * rng.vec3() - o, [f32::INFINITY, 1.0, 0.9][i % 3])
+            })
+            .collect();
+        for (i, x) in bad.into_iter().enumerate() {
+            rays[20 + i].d = Vec3::splat(x);
+            rays[40 + i].tmax = x;
+        }
+        for isa in available() {
+            bvh.isa = isa;
+            let expected: Vec<_> = rays.iter().map(|ray| bvh.intersect(ray)).collect();
+            assert!(expected.iter().flatten().count() > 20, "{triangles} triangles, {others} other shapes");
+            for len in [1, 15, 16, 17, 32, 1001] {
+                assert_eq!(
+                    all_hits(&bvh, &rays[..len]),
+                    expected[..len],
+                    "{isa:?}, {triangles} and {others}, {len} rays"
+                );
+            }
+        }
+    }
 }
 
 /// The same rays are answered wrongly by kernels that believe what f32 says.
@@ -414,14 +477,15 @@ fn rounding_must_be_bounded() {
     bvh.top.flat.as_mut().expect("few triangles have no tree").trust_f32();
     for isa in available() {
         bvh.isa = isa;
-        let (mut nearest, mut any) = (0, 0);
+        let (mut nearest, mut any, mut together) = (0, 0, 0);
         for i in 0..4000 {
             let ray = between_triangles(&mut rng, &mesh, 1.0, i);
             let expected = brute_force(&bvh.set, &ray);
             nearest += usize::from(bvh.intersect(&ray) != expected);
             any += usize::from(bvh.occluded(&ray) != expected.is_some());
+            together += usize::from(all_hits(&bvh, &[ray]) != [expected]);
         }
-        assert!(nearest > 0 && any > 0, "{isa:?} {nearest} {any}");
+        assert!(nearest > 0 && any > 0 && together > 0, "{isa:?} {nearest} {any} {together}");
     }
 }
 

@@ -346,18 +346,23 @@ fn decide(mut mask: u32, block: &Block, ray: &Ray, sheared: &ShearedRay, placed:
     }
 }
 
+/// Where an analytic shape is hit.
+#[inline(always)]
+pub(super) fn quadric(shape: &Shape, ray: &Ray) -> Option<f32> {
+    match shape {
+        Shape::Mesh(_) => None,
+        Shape::Sphere(s) => s.intersect(ray),
+        Shape::Disk(s) => s.intersect(ray),
+        Shape::Cylinder(s) => s.intersect(ray),
+    }
+}
+
 /// Tests an analytic shape or enters an instance.
 #[inline(never)]
 pub(super) fn single<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, child: Child, placed: u32, best: &mut Best) {
     let (part, _) = tree.parts.find(child.id());
     if child.kind() == KIND_QUADRIC {
-        let t = match &bvh.set.shapes[part.index as usize] {
-            Shape::Mesh(_) => None,
-            Shape::Sphere(s) => s.intersect(ray),
-            Shape::Disk(s) => s.intersect(ray),
-            Shape::Cylinder(s) => s.intersect(ray),
-        };
-        if let Some(t) = t {
+        if let Some(t) = quadric(&bvh.set.shapes[part.index as usize], ray) {
             best.offer(t, 0.0, 0.0, (placed, child.id()));
         }
         return;

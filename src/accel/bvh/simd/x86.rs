@@ -3,9 +3,10 @@
 use core::arch::x86_64::*;
 
 use super::super::binned::{Box8, Union};
-use super::super::flat::{Depths, FlatBlock, FlatRay, Limits, Row};
+use super::super::flat::{Depths, FLAT_LANES, Flat, FlatBlock, FlatRay, Limits, Row};
 use super::super::kernel::{EDGE, PAD};
 use super::super::traverse::{FAR_SCALE, SlabRay};
+use super::super::wave::{Candidates, Wave};
 use super::super::wide::{Block, Child, Node8, WIDTH};
 use super::*;
 use crate::geometry::ShearedRay;
@@ -483,5 +484,74 @@ fn flat_avx512<const ANY: bool>(block: &FlatBlock, ray: &FlatRay, limits: Limits
             _mm512_store_ps(depths.slope.as_mut_ptr(), steepest);
         }
         Some(pass)
+    }
+}
+
+/// [`wave::meet_triangles`], products and sums fused.
+#[target_feature(enable = "avx512f,avx512dq")]
+pub(super) fn meet_triangles(w: &Wave, c: &mut Candidates, flat: &Flat) {
+    // SAFETY: rows of waves and candidates are 64-byte aligned, as their types and the sizes of their fields are; places in
+    // rows of blocks are below their length.
+    unsafe {
+        let row = |row: &Row| _mm512_load_ps(row.as_ptr());
+        let splat = |x: f32| _mm512_set1_ps(x);
+        let rows = |r: &[Row; 3]| (row(&r[0]), row(&r[1]), row(&r[2]));
+        let (o, d, m) = (rows(&w.o), rows(&w.d), rows(&w.m));
+        let (reach, size, tmax) = (row(&w.reach), row(&w.size), row(&w.tmax));
+        let (zero, minus) = (_mm512_setzero_ps(), splat(-0.0));
+        let (inside, outside) = (row(&w.error), _mm512_xor_ps(row(&w.error), minus));
+        // Reciprocals are good to 2⁻¹⁴.
+        let (sooner, later) = (splat(1.0 - 1.0 / 4096.0), splat(1.0 + 1.0 / 4096.0));
+        let (mut c_least, mut c_most) = (row(&c.least), row(&c.most));
+        let (mut low, mut high) = (_mm512_setzero_si512(), _mm512_setzero_si512());
+        for i in 0..flat.triangles {
+            let (block, lane) = (&flat.blocks[i / FLAT_LANES], i % FLAT_LANES);
+            let at = |row: &Row| _mm512_set1_ps(*row.get_unchecked(lane));
+            let dot = |v: &[Row; 3], (x, y, z): (__m512, __m512, __m512), sum: __m512| {
+                _mm512_fmadd_ps(at(&v[2]), z, _mm512_fmadd_ps(at(&v[1]), y, _mm512_fmadd_ps(at(&v[0]), x, sum)))
+            };
+            let slope = dot(&block.normal, d, zero);
+            let sign = _mm512_and_ps(slope, minus);
+            let slope = _mm512_abs_ps(slope);
+            let u = _mm512_xor_ps(sign, dot(&block.edge[0], m, dot(&block.moment[0], d, zero)));
+            let v = _mm512_xor_ps(sign, dot(&block.edge[1], m, dot(&block.moment[1], d, zero)));
+            let rest = _mm512_sub_ps(_mm512_fmsub_ps(at(&block.area), slope, u), v);
+            let least = _mm512_min_ps(_mm512_min_ps(u, v), rest);
+            let below = _mm512_sub_ps(dot(&block.normal, o, zero), at(&block.offset));
+            let distance = _mm512_xor_ps(_mm512_xor_ps(sign, minus), below);
+            let error = _mm512_fmadd_ps(at(&block.origin_error), reach, at(&block.offset_error));
+            let slope_error = _mm512_mul_ps(at(&block.slope_error), size);
+            let near = _mm512_sub_ps(distance, error);
+            let steepest = _mm512_add_ps(slope, slope_error);
+            let ahead = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(distance, _mm512_xor_ps(error, minus))
+                | _mm512_cmp_ps_mask::<_CMP_LE_OQ>(slope, slope_error);
+            let passes = _mm512_mask_cmp_ps_mask::<_CMP_GE_OQ>(ahead, least, outside);
+            let passes = _mm512_mask_cmp_ps_mask::<_CMP_LE_OQ>(passes, near, _mm512_mul_ps(steepest, c_most));
+            let (far, flattest) = (_mm512_add_ps(distance, error), _mm512_sub_ps(slope, slope_error));
+            // NaN is below everything.
+            let first = _mm512_mul_ps(_mm512_mul_ps(near, _mm512_rcp14_ps(steepest)), sooner);
+            let first = _mm512_max_ps(first, zero);
+            let last = _mm512_mul_ps(_mm512_mul_ps(far, _mm512_rcp14_ps(flattest)), later);
+            let certain = _mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(passes, least, inside);
+            let certain = _mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(certain, near, zero);
+            let certain = _mm512_mask_cmp_ps_mask::<_CMP_GT_OQ>(certain, flattest, zero);
+            let certain = _mm512_mask_cmp_ps_mask::<_CMP_LT_OQ>(certain, last, tmax);
+            let alone = _mm512_mask_cmp_ps_mask::<_CMP_LT_OQ>(certain, last, c_least);
+            low = _mm512_mask_mov_epi32(low, alone, _mm512_setzero_si512());
+            high = _mm512_mask_mov_epi32(high, alone, _mm512_setzero_si512());
+            let bit = _mm512_set1_epi32(1 << (i % 32));
+            if i < 32 {
+                low = _mm512_mask_or_epi32(low, passes, low, bit);
+            } else {
+                high = _mm512_mask_or_epi32(high, passes, high, bit);
+            }
+            c_least = _mm512_mask_min_ps(c_least, passes, c_least, first);
+            c_least = _mm512_mask_mov_ps(c_least, alone, first);
+            c_most = _mm512_mask_min_ps(c_most, certain, c_most, last);
+        }
+        _mm512_store_ps(c.least.as_mut_ptr(), c_least);
+        _mm512_store_ps(c.most.as_mut_ptr(), c_most);
+        _mm512_store_si512(c.bits[0].as_mut_ptr().cast(), low);
+        _mm512_store_si512(c.bits[1].as_mut_ptr().cast(), high);
     }
 }
