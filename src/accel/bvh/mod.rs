@@ -14,6 +14,7 @@ mod simd;
 mod tests;
 mod traverse;
 mod validate;
+#[cfg(target_arch = "x86_64")]
 mod wave;
 mod wide;
 
@@ -109,7 +110,13 @@ impl Bvh {
     /// The nearest hits of `rays`, as many as there is room for in `hits`, bit for bit those of [`Bvh::intersect`].
     #[inline(always)]
     pub fn intersect_all<'a>(&self, rays: impl Iterator<Item = &'a Ray>, hits: &mut [Option<Hit>]) {
-        wave::intersect_all(self, rays, hits);
+        #[cfg(target_arch = "x86_64")]
+        if let (Some(flat), Isa::Avx512) = (&self.top.flat, self.isa) {
+            return wave::intersect_all(self, flat, rays, hits);
+        }
+        for (ray, hit) in rays.zip(hits) {
+            *hit = self.intersect(ray);
+        }
     }
 
     /// True when anything lies on `ray`.

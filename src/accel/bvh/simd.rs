@@ -12,7 +12,8 @@ use super::binned::{self, Binning, Bins, PrimRef, Recipe};
 use super::flat::{self, Flat, FlatRay};
 use super::kernel::{Kernel, Portable};
 use super::traverse::{self, Best};
-use super::wave::{self, Candidates, Wave};
+#[cfg(target_arch = "x86_64")]
+use super::wave::{Candidates, Wave};
 use super::wide::{Block, Child, Node8, Tree};
 use super::{Bvh, Isa};
 use crate::geometry::{Ray, is_traceable};
@@ -113,15 +114,14 @@ fn test_all<const ANY: bool>(bvh: &Bvh, tree: &Tree, flat: (&Flat, &FlatRay), ra
     }
 }
 
-/// [`wave::meet_triangles`] by the instruction set `isa` of a [`Bvh`].
+/// Lets all rays of a wave meet all triangles, those of a [`Bvh`] that is searched by AVX-512, and keeps for each ray those
+/// that may be the nearest.
+#[cfg(target_arch = "x86_64")]
 #[inline(always)]
 pub(super) fn meet_triangles(isa: Isa, wave: &Wave, candidates: &mut Candidates, flat: &Flat) {
-    match isa {
-        // SAFETY: `Bvh::isa` is only ever set to an available instruction set.
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => unsafe { x86::meet_triangles(wave, candidates, flat) },
-        _ => wave::meet_triangles(wave, candidates, flat),
-    }
+    assert!(isa == Isa::Avx512, "waves are searched by AVX-512 alone");
+    // SAFETY: `Bvh::isa` is only ever set to an available instruction set.
+    unsafe { x86::meet_triangles(wave, candidates, flat) }
 }
 
 /// Work that is worth compiling for each instruction set. Results do not depend on which: products and sums are fused only

@@ -1,6 +1,6 @@
 //! Many rays at once through groups that have no tree: sixteen rays side by side meet one triangle, or one sphere, after the
-//! other. Loops over the rays without branches, so that the compiler makes vectors of them. Hits are those of a ray alone, bit
-//! for bit: f32 only tells which triangles cannot be the nearest, and f64 decides about the rest.
+//! other. Hits are those of a ray alone, bit for bit: f32 only tells which triangles cannot be the nearest, and f64 decides
+//! about the rest. By AVX-512 alone: with eight rays side by side, sixteen triangles beside one ray are faster.
 
 use super::flat::{FLAT_LANES, Flat, FlatBlock, FlatRay, Row};
 use super::simd::Task;
@@ -22,13 +22,12 @@ type Rows3 = [Row; 3];
 
 /// The nearest hit of each of `rays`, into `hits`.
 #[inline(always)]
-pub(super) fn intersect_all<'a>(bvh: &Bvh, mut rays: impl Iterator<Item = &'a Ray>, hits: &mut [Option<Hit>]) {
-    let Some(flat) = &bvh.top.flat else {
-        for (ray, hit) in rays.zip(hits) {
-            *hit = traverse::intersect(bvh, ray);
-        }
-        return;
-    };
+pub(super) fn intersect_all<'a>(
+    bvh: &Bvh,
+    flat: &Flat,
+    mut rays: impl Iterator<Item = &'a Ray>,
+    hits: &mut [Option<Hit>],
+) {
     for hits in hits.chunks_mut(RAYS) {
         let mut wave = Wave::NONE;
         for (lane, ray) in rays.by_ref().take(hits.len()).enumerate() {
@@ -172,51 +171,6 @@ impl Task for Search<'_> {
     }
 }
 
-/// [`flat_portable`](super::flat::flat_portable) of all triangles and all rays. Keeps those that may be the nearest.
-#[inline(always)]
-pub(super) fn meet_triangles(w: &Wave, c: &mut Candidates, flat: &Flat) {
-    for i in 0..flat.triangles {
-        let block = &flat.blocks[i / FLAT_LANES];
-        let lane = i % FLAT_LANES;
-        // Written out: closures handed to `map` are calls.
-        let (normal, [a, b]) = (column(&block.normal, lane), &block.moment);
-        let (moment, [p, q]) = ([column(a, lane), column(b, lane)], &block.edge);
-        let edge = [column(p, lane), column(q, lane)];
-        let (offset, area) = (block.offset[lane], block.area[lane]);
-        let errors = (block.offset_error[lane], block.origin_error[lane], block.slope_error[lane]);
-        let dot = |a: [f32; 3], b: &Rows3, j: usize| a[0] * b[0][j] + a[1] * b[1][j] + a[2] * b[2][j];
-        for j in 0..RAYS {
-            let slope = dot(normal, &w.d, j);
-            let sign = 1f32.copysign(slope);
-            let slope = slope * sign;
-            let u = (dot(moment[0], &w.d, j) + dot(edge[0], &w.m, j)) * sign;
-            let v = (dot(moment[1], &w.d, j) + dot(edge[1], &w.m, j)) * sign;
-            let rest = area * slope - u - v;
-            let least = if u < v { u } else { v };
-            let least = if rest < least { rest } else { least };
-            let distance = (offset - dot(normal, &w.o, j)) * sign;
-            let error = errors.0 + errors.1 * w.reach[j];
-            let slope_error = errors.2 * w.size[j];
-            let (near, far) = (distance - error, distance + error);
-            let (steepest, flattest) = (slope + slope_error, slope - slope_error);
-            let ahead = (distance >= -error) | (slope <= slope_error);
-            let passes = (least >= -w.error[j]) & ahead & (near <= steepest * c.most[j]);
-            // Where it is hit for certain, and by when; what may be nearer all the same is not forgotten.
-            let first = near / steepest * (1.0 - ROOM);
-            let first = if first > 0.0 { first } else { 0.0 };
-            let last = far / flattest * (1.0 + ROOM);
-            let certain = (least > w.error[j]) & (near > 0.0) & (flattest > 0.0) & (last < w.tmax[j]);
-            let alone = certain & (last < c.least[j]);
-            c.bits[0][j] = if passes & alone { 0 } else { c.bits[0][j] };
-            c.bits[1][j] = if passes & alone { 0 } else { c.bits[1][j] };
-            c.bits[i / 32][j] |= if passes { 1 << (i % 32) } else { 0 };
-            let before = if alone | (first < c.least[j]) { first } else { c.least[j] };
-            c.least[j] = if passes { before } else { c.least[j] };
-            c.most[j] = if certain & (last < c.most[j]) { last } else { c.most[j] };
-        }
-    }
-}
-
 /// Lets f64 decide about what is left: of each ray one triangle together with those of the others, the few further ones alone.
 #[inline(always)]
 fn decide(w: &mut Wave, c: &Candidates, flat: &Flat) {
@@ -232,11 +186,9 @@ fn decide(w: &mut Wave, c: &Candidates, flat: &Flat) {
         let (block, lane) = place(flat, bits);
         further[j] = bits & (bits - 1);
         let axes = ShearedRay::axes(w.vectors(j).1);
-        for vertex in 0..3 {
-            let corner = block.corner(vertex, lane, axes);
-            for k in 0..3 {
-                corners[vertex][k][j] = corner[k];
-            }
+        for (vertex, rows) in corners.iter_mut().enumerate() {
+            let [x, y, z] = block.corner(vertex, lane, axes);
+            (rows[0][j], rows[1][j], rows[2][j]) = (x, y, z);
         }
         for (k, axis) in axes.into_iter().enumerate() {
             (o[k][j], d[k][j]) = (w.o[axis][j], w.d[axis][j]);
@@ -291,7 +243,7 @@ fn meet_quadric(bvh: &Bvh, tree: &Tree, w: &mut Wave, child: Child) {
 
 #[inline(always)]
 fn meet_sphere(w: &mut Wave, sphere: &Sphere, id: u32, shape: u32) {
-    let sphere = sphere.clone();
+    let sphere = *sphere;
     for j in 0..RAYS {
         let (o, d) = w.vectors(j);
         let (met, t) = sphere.meet(o, d, w.tmax[j]);

@@ -487,7 +487,7 @@ fn flat_avx512<const ANY: bool>(block: &FlatBlock, ray: &FlatRay, limits: Limits
     }
 }
 
-/// [`wave::meet_triangles`], products and sums fused.
+/// [`flat_portable`](flat::flat_portable) with one triangle beside sixteen rays, products and sums fused.
 #[target_feature(enable = "avx512f,avx512dq")]
 pub(super) fn meet_triangles(w: &Wave, c: &mut Candidates, flat: &Flat) {
     // SAFETY: rows of waves and candidates are 64-byte aligned, as their types and the sizes of their fields are; places in
