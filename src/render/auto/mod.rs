@@ -204,7 +204,9 @@ impl Race<'_> {
             {
                 // Of the work of a camera sample, a quarter is assumed for what its path meets.
                 let work = 0.25 * (sppm.work - sppm.photon_work) * sppm.noise.len() as f64;
-                let passes = ((RARE_LOOK * promised / work) as u64).min(RARE_PASSES.1);
+                // Where maps promise most, the other pilots have taken a good part of that already.
+                let most = if trials[ahead].method == "photonmapper" { RARE_PASSES.0 } else { RARE_PASSES.1 };
+                let passes = ((RARE_LOOK * promised / work) as u64).min(most);
                 if passes >= RARE_PASSES.0.max(LONGER * rare.passes) {
                     let told = trial.samples as f64 * (trial.noise - trial.photon_noise) - rare.noise;
                     let noise = (sppm.camera_noise(self.scene, passes, self.o)? - told).max(0.0);
