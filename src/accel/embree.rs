@@ -35,14 +35,14 @@ impl EmbreeAccel {
     }
 
     /// The nearest hits of `rays`, as many as there is room for in `hits`; those of [`EmbreeAccel::intersect`], asked for in
-    /// packets of sixteen.
+    /// packets of sixteen. What is in `hits` beyond the last ray stays.
     #[inline]
     pub fn intersect_all<'a>(&self, mut rays: impl Iterator<Item = &'a Ray>, hits: &mut [Option<Hit>]) {
         let mut packet = rtc::Packet16::default();
         for hits in hits.chunks_mut(16) {
             packet.set(rays.by_ref().take(hits.len()).map(|ray| if is_traceable(ray) { query(ray) } else { NOTHING }));
             self.top.intersect16(&mut packet, rtc::Coherence::Incoherent);
-            for (lane, hit) in hits.iter_mut().enumerate() {
+            for (lane, hit) in hits.iter_mut().enumerate().take(packet.len()) {
                 *hit = packet.hit(lane).map(|hit| self.translate(hit));
             }
         }
@@ -285,6 +285,9 @@ mod tests {
             accel.intersect_all(rays.iter(), &mut hits);
             assert_eq!(hits, expected[..len]);
         }
+        let mut hits = [expected[1]; 20];
+        accel.intersect_all(rays[..18].iter(), &mut hits);
+        assert_eq!((&hits[..18], hits[19]), (&expected[..18], expected[1]));
     }
 
     #[test]

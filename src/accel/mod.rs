@@ -146,6 +146,7 @@ impl Accel {
     }
 
     /// The nearest hits of `rays`, as many as there is room for in `hits`: those of [`Accel::intersect`], found together.
+    /// What is in `hits` beyond the last ray stays.
     #[inline(always)]
     pub fn intersect_all<'a>(&self, rays: impl Iterator<Item = &'a Ray>, hits: &mut [Option<Hit>]) {
         match self {

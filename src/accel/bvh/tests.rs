@@ -409,8 +409,9 @@ fn few_triangles_are_found_as_by_brute_force() {
 fn all_hits(bvh: &Bvh, rays: &[Ray]) -> Vec<Option<Hit>> {
     // What was there before does not stay.
     let stale = Hit { t: 1.0, u: 0.0, v: 0.0, shape: 7, prim: 7, instance: 7 };
-    let mut hits = vec![Some(stale); rays.len()];
+    let mut hits = vec![Some(stale); rays.len() + 1];
     bvh.intersect_all(rays.iter(), &mut hits);
+    assert_eq!(hits.pop(), Some(Some(stale)));
     hits
 }
 
