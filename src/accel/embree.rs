@@ -162,12 +162,7 @@ impl rtc::UserGeometry for Quadrics {
     fn intersect(&self, prim: u32, ray: &rtc::Ray) -> Option<rtc::UserHit> {
         let shape = self.shapes[prim as usize];
         let ray = Ray::segment(Vec3::from(ray.origin), Vec3::from(ray.direction), ray.tfar.next_up());
-        let t = match &self.set.shapes[shape as usize] {
-            Shape::Mesh(_) => None,
-            Shape::Sphere(s) => s.intersect(&ray),
-            Shape::Disk(s) => s.intersect(&ray),
-            Shape::Cylinder(s) => s.intersect(&ray),
-        }?;
+        let t = self.set.shapes[shape as usize].intersect_quadric(&ray)?;
         Some(rtc::UserHit { t, u: 0.0, v: 0.0, normal: [0.0; 3], prim: shape })
     }
 }

@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::TriangleMesh;
+use super::{Ray, TriangleMesh};
 use crate::math::{Bounds3, Transform};
 
 /// An exact sphere. Its outside is where normals point unless `flip_normals`.
@@ -51,6 +51,17 @@ impl Shape {
             Shape::Sphere(s) => s.bounds(),
             Shape::Disk(s) => s.bounds(),
             Shape::Cylinder(s) => s.bounds(),
+        }
+    }
+
+    /// Smallest ray parameter in `(0, tmax)` where an analytic shape is hit; `None` for meshes, whose triangles a tree holds.
+    #[inline(always)]
+    pub fn intersect_quadric(&self, ray: &Ray) -> Option<f32> {
+        match self {
+            Shape::Mesh(_) => None,
+            Shape::Sphere(s) => s.intersect(ray),
+            Shape::Disk(s) => s.intersect(ray),
+            Shape::Cylinder(s) => s.intersect(ray),
         }
     }
 

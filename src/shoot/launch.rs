@@ -124,12 +124,12 @@ impl Launch {
                 }
             }
             light.sample_le_all(&ctx, &own, &mut starts);
-            if members == all && self.len == STARTS {
+            if members == all {
+                // Paths without a light have a start by this, and do not take it.
                 self.starts = starts;
                 continue;
             }
             for (from, to) in lanes(members).enumerate() {
-                let from = if members == all { to } else { from };
                 self.starts.set(to, starts.get(from));
             }
         }

@@ -8,7 +8,7 @@ use super::kernel::Kernel;
 use super::parts::KIND_QUADRIC;
 use super::wide::{Block, Child, LANES, Tree, WIDTH};
 use super::{Bvh, simd};
-use crate::geometry::{Hit, NO_INSTANCE, PreciseRay, Ray, Shape, ShearedRay};
+use crate::geometry::{Hit, NO_INSTANCE, PreciseRay, Ray, ShearedRay};
 use crate::math::{Vec3, gamma};
 
 /// Entries of the traversal stack: seven siblings for each level of the deepest tree that the builder makes.
@@ -346,23 +346,12 @@ fn decide(mut mask: u32, block: &Block, ray: &Ray, sheared: &ShearedRay, placed:
     }
 }
 
-/// Where an analytic shape is hit.
-#[inline(always)]
-pub(super) fn quadric(shape: &Shape, ray: &Ray) -> Option<f32> {
-    match shape {
-        Shape::Mesh(_) => None,
-        Shape::Sphere(s) => s.intersect(ray),
-        Shape::Disk(s) => s.intersect(ray),
-        Shape::Cylinder(s) => s.intersect(ray),
-    }
-}
-
 /// Tests an analytic shape or enters an instance.
 #[inline(never)]
 pub(super) fn single<const ANY: bool>(bvh: &Bvh, tree: &Tree, ray: &Ray, child: Child, placed: u32, best: &mut Best) {
     let (part, _) = tree.parts.find(child.id());
     if child.kind() == KIND_QUADRIC {
-        if let Some(t) = quadric(&bvh.set.shapes[part.index as usize], ray) {
+        if let Some(t) = bvh.set.shapes[part.index as usize].intersect_quadric(ray) {
             best.offer(t, 0.0, 0.0, (placed, child.id()));
         }
         return;

@@ -62,7 +62,6 @@ pub(super) struct Wave {
     id: Words,
     shape: Words,
     prim: Words,
-    found: Words,
 }
 
 /// The triangles that may be the nearest, by ray.
@@ -98,7 +97,6 @@ impl Wave {
         id: [0; RAYS],
         shape: [0; RAYS],
         prim: [0; RAYS],
-        found: [0; RAYS],
     };
 
     /// False for a ray that starts or reaches too far for what is known of errors.
@@ -129,7 +127,6 @@ impl Wave {
         self.id[lane] = if nearer { id } else { self.id[lane] };
         self.shape[lane] = if nearer { shape } else { self.shape[lane] };
         self.prim[lane] = if nearer { prim } else { self.prim[lane] };
-        self.found[lane] = if nearer { 1 } else { self.found[lane] };
     }
 }
 
@@ -159,7 +156,7 @@ impl Task for Search<'_> {
             meet_quadric(bvh, &bvh.top, wave, child);
         }
         for (lane, hit) in hits.iter_mut().enumerate().filter(|&(lane, _)| wave.here[lane] != 0) {
-            *hit = (wave.found[lane] != 0).then(|| Hit {
+            *hit = (wave.t[lane] < wave.tmax[lane]).then(|| Hit {
                 t: wave.t[lane],
                 u: wave.u[lane],
                 v: wave.v[lane],
@@ -233,7 +230,7 @@ fn meet_quadric(bvh: &Bvh, tree: &Tree, w: &mut Wave, child: Child) {
                     continue;
                 }
                 let (o, d) = w.vectors(j);
-                if let Some(t) = traverse::quadric(shape, &Ray::segment(o, d, w.tmax[j])) {
+                if let Some(t) = shape.intersect_quadric(&Ray::segment(o, d, w.tmax[j])) {
                     w.offer(j, (true, t, 0.0, 0.0), child.id(), part.index, 0);
                 }
             }
