@@ -17,7 +17,7 @@ use super::{PATHS_PER_BATCH, ShootSettings};
 use crate::bsdf::{LobeMask, may_have};
 use crate::light::Light;
 use crate::math::{Vec2, Vec3};
-use crate::sample::{Cdf, Distribution2d, Key, Purpose, hash_u64};
+use crate::sample::{Cdf, Distribution2d, Key, Purpose, Sampler, hash_u64};
 use crate::scene::Scene;
 
 /// Photon paths of the learning rounds, and the share of each that stays uniform.
@@ -169,20 +169,18 @@ impl Guide {
         let found: Vec<Vec<(usize, usize, f64)>> = (0..batches)
             .into_par_iter()
             .map(|batch| {
-                let mut deposit = Deposit::new(settings.target, settings.walk, 1);
-                let mut found = Vec::new();
                 let begin = first + batch * PATHS_PER_BATCH;
-                for index in begin..begin + PATHS_PER_BATCH {
-                    let Some(start) = deposit.trace(scene, Some(self), key, index) else { continue };
-                    let power = std::mem::take(&mut deposit.stored_power);
-                    deposit.photons.clear();
-                    if power > 0.0 {
-                        // The stored power is f/p, so f²/p is its square times p.
-                        let cell = self.grids[start.light].resolution.cell(start.u_pos, start.u_dir);
-                        found.push((start.light, cell, power * power * start.pdf as f64));
-                    }
-                }
-                found
+                let mut deposit = Deposit::new(settings.target, settings.walk, 1);
+                let powers = deposit.measure_all(scene, self, key, begin..begin + PATHS_PER_BATCH);
+                let stored = (begin..).zip(powers).filter(|&(_, power)| power > 0.0);
+                let found = stored.filter_map(|(index, power)| {
+                    let mut numbers = Sampler::new(settings.walk.sequence, key, index);
+                    let start = self.start(numbers.next_1d(), numbers.next_2d(), numbers.next_2d())?;
+                    // The stored power is f/p, so f²/p is its square times p.
+                    let cell = self.grids[start.light].resolution.cell(start.u_pos, start.u_dir);
+                    Some((start.light, cell, power * power * start.pdf as f64))
+                });
+                found.collect()
             })
             .collect();
         for (light, cell, square) in found.into_iter().flatten() {

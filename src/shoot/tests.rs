@@ -127,6 +127,28 @@ fn many_paths_at_a_time_store_what_each_stores_alone() {
     }
 }
 
+/// What a guide learns by: the power of the photons of each path, up to how they are packed.
+#[test]
+fn many_paths_at_a_time_are_measured_one_by_one() {
+    let scene = scene(&format!("{FLOOR}{LAMP}{}", glass(0.0, 0.7, 0.4)));
+    let guide = Guide::learn(&scene, &settings(1, true, 4096)).expect("glass focuses");
+    let walk = WalkSettings { max_depth: None, rr_depth: 1, sequence: Sequence::Independent };
+    for target in [Target::Caustic, Target::Global] {
+        let key = Key::new(1, target.purpose(), 0);
+        let powers = Deposit::new(target, walk, 1).measure_all(&scene, &guide, key, 20..1020);
+        let alone = |index| {
+            let mut deposit = Deposit::new(target, walk, 1);
+            deposit.trace(&scene, Some(&guide), key, index);
+            deposit.photons.iter().map(|p| rgbe::unpack(p.power).max_channel() as f64).sum::<f64>()
+        };
+        for (index, power) in (20..).zip(&powers) {
+            let alone = alone(index);
+            assert!((power - alone).abs() <= 0.02 * alone, "{target:?}, path {index}: {power} for {alone}");
+        }
+        assert!(powers.len() == 1000 && powers.iter().filter(|&&p| p > 0.0).count() > 100, "{target:?}");
+    }
+}
+
 /// Lights of every kind, alone and mixed, over what is two-sided, what is not, a needle and a smooth ball: photons alone, which
 /// are compiled for any processor, are those that start and land together in vectors.
 #[test]

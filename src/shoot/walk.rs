@@ -173,9 +173,8 @@ pub struct Deposit {
     pub counters: Counters,
     /// What the scene file asks to aim at, counted.
     pub aimed: AimCounts,
-    /// Sum of the largest channels of the photons stored since it was last set to 0, W, each times the importance of the
-    /// shape that its path met first.
-    pub(super) stored_power: f64,
+    /// The largest channel of the photon stored last, W, times the importance of the shape that its path met first.
+    last_power: f64,
     target: Target,
     walk: WalkSettings,
     inv_emitted: f32,
@@ -190,7 +189,7 @@ impl Deposit {
             rejected: 0,
             counters: Counters::default(),
             aimed: AimCounts::default(),
-            stored_power: 0.0,
+            last_power: 0.0,
             target,
             walk,
             inv_emitted: (1.0 / emitted as f64) as f32,
@@ -226,12 +225,27 @@ impl Deposit {
     /// A photon's way from hit to hit is one long chain of steps that depend on each other, and on a large mesh half of their
     /// time is waiting for the triangle that was hit. Many under way at a time wait together.
     pub fn trace_all(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) -> Vec<u32> {
-        accel::run(TraceAll { deposit: self, scene, guide, key, indices })
+        accel::run(TraceAll { deposit: self, scene, guide, key, indices, powers: &mut [] })
     }
 
-    /// [`Deposit::trace_all`] for one instruction set.
+    /// As [`Deposit::trace_all`]; returns what each path has stored instead: the sum of the largest channels of its photons, W,
+    /// times the importance of the shape that it met first.
+    pub(super) fn measure_all(&mut self, scene: &Scene, guide: &Guide, key: Key, indices: Range<u64>) -> Vec<f64> {
+        let mut powers = vec![0.0; (indices.end - indices.start) as usize];
+        accel::run(TraceAll { deposit: self, scene, guide: Some(guide), key, indices, powers: &mut powers });
+        powers
+    }
+
+    /// [`Deposit::trace_all`] for one instruction set; adds to `powers`, unless it is empty, what each path stores.
     #[inline(always)]
-    fn trace_waves(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) -> Vec<u32> {
+    fn trace_waves(
+        &mut self,
+        scene: &Scene,
+        guide: Option<&Guide>,
+        key: Key,
+        indices: Range<u64>,
+        powers: &mut [f64],
+    ) -> Vec<u32> {
         let first = indices.start;
         let mut launch = Launch::new(indices.clone());
         let (mut wave, mut len) = ([Flight::none(Sampler::new(self.walk.sequence, key, 0), key); WAVE], WAVE);
@@ -240,6 +254,13 @@ impl Deposit {
         let far = scene.stats.triangles > NEAR_TRIANGLES;
         // By photon: which path stored it.
         let (before, mut owners) = (self.photons.len(), Vec::new());
+        let mut own = |index: u64, power: f64| {
+            let path = (index - first) as usize;
+            owners.push(path as u32);
+            if let Some(sum) = powers.get_mut(path) {
+                *sum += power;
+            }
+        };
         let mut ended: ArrayVec<usize, WAVE> = (0..WAVE).rev().collect();
         loop {
             // Let a photon start in the place of each that has ended; close the gaps when there are no more.
@@ -265,11 +286,12 @@ impl Deposit {
                 scene.geometry.touch(&hits[..len]);
             }
             for (slot, (flight, hit)) in wave[..len].iter_mut().zip(&hits).enumerate() {
+                let stored = self.photons.len();
                 if !self.land_in(scene, flight, hit.as_ref(), slot, &mut lanes) {
                     ended.push(slot);
                 }
-                if self.photons.len() - before > owners.len() {
-                    owners.push((flight.index - first) as u32);
+                if self.photons.len() > stored {
+                    own(flight.index, self.last_power);
                 }
             }
             lanes.run();
@@ -279,7 +301,7 @@ impl Deposit {
                     ended.push(slot);
                 }
                 if self.photons.len() > stored {
-                    owners.push((wave[slot].index - first) as u32);
+                    own(wave[slot].index, self.last_power);
                 }
             }
             lanes.clear();
@@ -505,7 +527,7 @@ impl Deposit {
     #[inline(always)]
     fn keep(&mut self, scene: &Scene, photon: Photon, power: f32, first: u32) {
         let importance = self.aimed.add_photon(&scene.photon_aims, first);
-        self.stored_power += (importance * power) as f64;
+        self.last_power = (importance * power) as f64;
         self.photons.push(photon);
     }
 }
@@ -535,6 +557,7 @@ struct TraceAll<'a> {
     guide: Option<&'a Guide>,
     key: Key,
     indices: Range<u64>,
+    powers: &'a mut [f64],
 }
 
 impl Task for TraceAll<'_> {
@@ -542,7 +565,7 @@ impl Task for TraceAll<'_> {
 
     #[inline(always)]
     fn run(self) -> Vec<u32> {
-        self.deposit.trace_waves(self.scene, self.guide, self.key, self.indices)
+        self.deposit.trace_waves(self.scene, self.guide, self.key, self.indices, self.powers)
     }
 }
 
