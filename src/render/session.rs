@@ -13,7 +13,7 @@ use crate::integrator::vcm::Merging;
 use crate::integrator::{PhotonMapper, PhotonMapperSettings, vcm};
 use crate::photon::PhotonMap;
 use crate::scene::{Item, Scene};
-use crate::shoot::Target;
+use crate::shoot::{Emission, Target, plan_emission, shoot_paths};
 use crate::tally::Counters;
 
 /// A render between two passes: the plan, and the sums of what the finished passes found.
@@ -35,6 +35,8 @@ pub struct Session<'s> {
     pub(super) progressive: Option<Progressive>,
     /// Statistics of earlier passes, from a checkpoint, until progressive photon mapping takes them up.
     pub(super) resumed_shared: Option<SharedStatistics>,
+    /// How photons of each kind are emitted, which is found out once for all passes of `photonmapper`.
+    emissions: Vec<(Target, Emission)>,
     /// Memory that passes of the bidirectional methods use again.
     pub(super) workspace: vcm::Workspace,
     pub summary: Summary,
@@ -52,6 +54,7 @@ impl<'s> Session<'s> {
             next: plan.passes.start,
             progressive: None,
             resumed_shared: None,
+            emissions: Vec::new(),
             workspace: vcm::Workspace::default(),
             summary: Summary::new(plan),
             plan: plan.clone(),
@@ -208,7 +211,13 @@ impl<'s> Session<'s> {
             let map = stored.cloned().unwrap_or_else(|| {
                 control.progress.phase("shoot photons");
                 let shooting = settings.shoot_settings(self.plan.seed, self.next, target, scene.sampler.sequence);
-                let shot = summary.time("shoot photons", || crate::shoot::shoot(scene, &shooting));
+                let shot = summary.time("shoot photons", || {
+                    let planned = self.emissions.iter().position(|(t, _)| *t == target).unwrap_or_else(|| {
+                        self.emissions.push((target, plan_emission(scene, &shooting)));
+                        self.emissions.len() - 1
+                    });
+                    shoot_paths(scene, &shooting, &self.emissions[planned].1)
+                });
                 summary.add_shot(target, &shot);
                 control.progress.phase("balance map");
                 summary.time("balance map", || PhotonMap::build_with(shot.photons, directions))
