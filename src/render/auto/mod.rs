@@ -6,11 +6,12 @@ mod verdict;
 use serde::Serialize;
 
 use super::{Method, Plan, PlanError, PlanOverrides};
+use crate::image::Image;
 use crate::integrator::VcmSettings;
 use crate::integrator::vcm::{Merging, Recipe};
 use crate::scene::{Needs, Scene};
-use pilot::Pilot;
-use verdict::guide;
+use pilot::{Pilot, lights_met};
+use verdict::{guide, noise_with_rare};
 
 /// The name that asks for a choice.
 pub const AUTO: &str = "auto";
@@ -24,8 +25,10 @@ const MOST_PIXELS: u64 = 128 * 128;
 /// Camera samples of a pilot at least, so that rare paths are met: a small film gets more passes.
 const SAMPLES: u64 = PASSES * MOST_PIXELS;
 
-/// Times as many passes of `path` where something focuses light.
+/// Times as many passes of `path` before it is believed to find light that something focuses, which its paths meet by chance; and
+/// where it is far behind, for what its picture tells of all methods, if that takes no more than this share of the rays promised.
 const MORE_PATHS: u64 = 4;
+const PATHS_LOOK: f64 = 0.01;
 
 /// The error (relMSE) that the methods race to.
 const GOAL: f64 = 1e-2;
@@ -53,9 +56,11 @@ const NEAR: f64 = 1.5;
 const LONGER: u64 = 4;
 const LONGER_LOOK: f64 = 0.02;
 
-/// Rare bright light that the camera's paths meet is looked for with this share of the rays that are promised, in so many passes.
+/// Rare bright light that the camera's paths meet is looked for with this share of the rays that are promised, in so many passes:
+/// first in a few, and in more where two standard errors of what they find are more than this share of the noise that is known.
 const RARE_LOOK: f64 = 0.05;
 const RARE_PASSES: (u64, u64) = (4, 16);
+const RARE_DOUBT: f64 = 0.1;
 
 /// The power of the radius that blur goes with: 1 along edges, 2 where light is curved.
 const BLUR: f64 = 1.5;
@@ -163,10 +168,7 @@ struct Race<'a> {
 impl Race<'_> {
     /// Tries the candidates, the one that can sample what all others can last.
     fn pilots(&self, widest: &'static str) -> Result<Vec<Pilot>, PlanError> {
-        // Where something focuses light, paths meet it by chance: look at more of them, as they cost little, before they are
-        // believed to find it.
-        let more = if widest == "bdpt" { 1 } else { MORE_PATHS };
-        let mut pilots = vec![Pilot::run(self.scene, "path", more * first_passes(self.scene, "path"), self.o)?];
+        let mut pilots = vec![Pilot::run(self.scene, "path", first_passes(self.scene, "path"), self.o)?];
         // Path tracing meets all light that nothing focuses.
         if widest == "bdpt" && pilots[0].against(&pilots, &guide(&pilots), 0.0).work_to_goal() <= OTHER_PILOTS {
             return Ok(pilots);
@@ -177,16 +179,14 @@ impl Race<'_> {
         Ok(pilots)
     }
 
-    /// Whether the camera's paths may meet lights by chance in what focuses them.
-    fn seen_in_glass(&self, pilots: &[Pilot]) -> bool {
-        pilots.last().is_some_and(|p| p.method == "vcm") && self.scene.lights.iter().any(|l| !l.is_delta())
-    }
-
     /// Compares all with the last. Tries `photonmapper` where that could save much work, looks for rare light, and looks longer
     /// at those that promise most, while that takes a small share of what they promise.
     fn run(&self, mut pilots: Vec<Pilot>) -> Result<Vec<Trial>, PlanError> {
         let fine = self.o.target_error.is_some_and(|error| error < GOAL);
         let cheap = matches!(self.mapper.method, Method::PhotonMapper(s) if s.final_gather_samples <= MOST_GATHERED);
+        let focuses = pilots.last().is_some_and(|p| p.method == "vcm");
+        // Whether the camera's paths may meet lights by chance in what focuses them.
+        let seen_in_glass = focuses && self.scene.lights.iter().any(|l| !l.is_delta());
         let mut maps: Option<Pilot> = None;
         let mut rare = Rare::default();
         loop {
@@ -195,27 +195,37 @@ impl Race<'_> {
                 pilots.iter().chain(&maps).map(|p| p.against(&pilots, &guide, rare.noise)).collect();
             let ahead = best(&trials);
             let promised = trials[ahead].work_to_goal() * self.pixels;
+            let near = |i: usize| handicapped(&trials[i]) <= NEAR * handicapped(&trials[ahead]);
+            let paths = MORE_PATHS * first_passes(self.scene, "path");
+            let little = pilots[0].rays * MORE_PATHS as f64 <= PATHS_LOOK * promised;
+            if focuses && pilots[0].passes < paths && (near(0) || little) {
+                pilots[0] = Pilot::run(self.scene, "path", paths, self.o)?;
+                continue;
+            }
             if cheap && !fine && maps.is_none() && promised > RAYS_WORTH_MAPS {
                 maps = Some(Pilot::of_maps(self.scene, self.mapper, PASSES, self.pixels));
                 continue;
             }
             if let Some((sppm, trial)) = pilots.iter().zip(&trials).find(|(p, _)| p.method == "sppm")
-                && self.seen_in_glass(&pilots)
+                && seen_in_glass
             {
                 // Of the work of a camera sample, a quarter is assumed for what its path meets.
                 let work = 0.25 * (sppm.work - sppm.photon_work) * sppm.noise.len() as f64;
                 // Where maps promise most, the other pilots have taken a good part of that already.
                 let most = if trials[ahead].method == "photonmapper" { RARE_PASSES.0 } else { RARE_PASSES.1 };
                 let passes = ((RARE_LOOK * promised / work) as u64).min(most);
-                if passes >= RARE_PASSES.0.max(LONGER * rare.passes) {
-                    let told = trial.samples as f64 * (trial.noise - trial.photon_noise) - rare.noise;
-                    let noise = (sppm.camera_noise(self.scene, passes, self.o)? - told).max(0.0);
-                    rare = Rare { noise, passes };
+                let told = trial.samples as f64 * (trial.noise - trial.photon_noise) - rare.noise;
+                let (least, wanted) = match rare.passes() {
+                    0 => (RARE_PASSES.0, RARE_PASSES.0),
+                    n if 2.0 * rare.doubt > RARE_DOUBT * told => (2 * n, RARE_PASSES.1),
+                    _ => (u64::MAX, 0),
+                };
+                if passes >= least {
+                    rare.look(sppm, self.scene, passes.min(wanted), told, self.o)?;
                     continue;
                 }
             }
             // The one of those near the best that has been looked at least.
-            let near = |i: usize| handicapped(&trials[i]) <= NEAR * handicapped(&trials[ahead]);
             let looks = pilots.iter().chain(&maps).map(|p| (LONGER * p.passes, p.rays * LONGER as f64)).enumerate();
             let looks =
                 looks.filter(|&(i, (_, rays))| near(i) && rays <= LONGER_LOOK * promised && promised.is_finite());
@@ -229,11 +239,36 @@ impl Race<'_> {
     }
 }
 
-/// Noise that rare bright light adds to every camera sample, as so many passes tell it.
+/// Rare bright light that camera paths meet.
 #[derive(Default)]
 struct Rare {
+    /// What they meet, by pass.
+    pictures: Vec<Image>,
+    /// Noise that it adds to every camera sample, as the passes tell it, and the standard error of what they tell.
     noise: f64,
-    passes: u64,
+    doubt: f64,
+}
+
+impl Rare {
+    fn passes(&self) -> u64 {
+        self.pictures.len() as u64
+    }
+
+    /// Looks at so many passes in all; `told` is the noise of a camera sample that the pilot of `sppm` knows.
+    fn look(
+        &mut self,
+        sppm: &Pilot,
+        scene: &Scene,
+        passes: u64,
+        told: f64,
+        o: &PlanOverrides,
+    ) -> Result<(), PlanError> {
+        self.pictures.extend(lights_met(scene, self.passes()..passes, o)?);
+        let (noise, doubt) = noise_with_rare(&self.pictures, &sppm.image);
+        // A single bright sample tells nothing.
+        (self.noise, self.doubt) = ((noise - doubt - told).max(0.0), doubt);
+        Ok(())
+    }
 }
 
 /// Passes that the pilot of a method makes at first.

@@ -1,9 +1,9 @@
 //! A few passes of one method, and what they cost.
 
+use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use super::verdict::noise_with_rare;
 use super::{BLUR, PASSES};
 use crate::color::Rgb;
 use crate::film::Film;
@@ -153,25 +153,6 @@ impl Pilot {
         pilot
     }
 
-    /// The noise of one camera sample from lights that its path meets through mirrors and glass, as so many passes tell it: with
-    /// what is rare and bright, as small images of a lamp.
-    ///
-    /// All methods have that noise, as they all have these paths. The passes share no samples with this pilot.
-    pub fn camera_noise(&self, scene: &Scene, passes: u64, o: &PlanOverrides) -> Result<f64, PlanError> {
-        let overrides =
-            PlanOverrides { integrator: Some("sppm".to_owned()), needs: o.needs.clone(), ..PlanOverrides::default() };
-        let plan = Plan::new(scene, &overrides)?;
-        let Method::Sppm(settings) = plan.method else { return Ok(0.0) };
-        let seed = o.seed.unwrap_or(plan.seed).wrapping_add(1);
-        let picture = |pass| {
-            let mut film = Film::new(scene.film.window, scene.film.filter);
-            render_pass(scene, &LightsMet(settings), &mut film, seed, pass..pass + 1, &|_| {});
-            film.develop(0.0)
-        };
-        let pictures: Vec<Image> = (0..passes).map(picture).collect();
-        Ok(noise_with_rare(&pictures, &self.image))
-    }
-
     /// Makes the passes of a plan; `cost` is that of the photons and of the samples counted, per pixel of the render.
     fn of(
         scene: &Scene,
@@ -222,6 +203,22 @@ impl Pilot {
             image,
         }
     }
+}
+
+/// What camera paths meet of lights through mirrors and glass, in each of so many passes of one sample a pixel: light that all
+/// methods have, with what is rare and bright in it, as small images of a lamp. The passes share no samples with pilots.
+pub(super) fn lights_met(scene: &Scene, passes: Range<u64>, o: &PlanOverrides) -> Result<Vec<Image>, PlanError> {
+    let overrides =
+        PlanOverrides { integrator: Some("sppm".to_owned()), needs: o.needs.clone(), ..PlanOverrides::default() };
+    let plan = Plan::new(scene, &overrides)?;
+    let Method::Sppm(settings) = plan.method else { unreachable!("the method is named") };
+    let seed = o.seed.unwrap_or(plan.seed).wrapping_add(1);
+    let picture = |pass| {
+        let mut film = Film::new(scene.film.window, scene.film.filter);
+        render_pass(scene, &LightsMet(settings), &mut film, seed, pass..pass + 1, &|_| {});
+        film.develop(0.0)
+    };
+    Ok(passes.map(picture).collect())
 }
 
 /// The pictures of narrow radii and what they are from the others, which [`Doubt`] keeps as bias.

@@ -65,9 +65,9 @@ fn relative(variance: &[Rgb], squares: impl Iterator<Item = [f64; 3]>) -> f64 {
 /// the pixel or to what is around it, in all passes or in `picture`, whichever is brightest.
 ///
 /// In the mean of all passes a bright sample of a pixel would hide itself: it is met once in the pixel, and looks as if it was
-/// met in one pass of so many. What is around, more samples by far, tells how rare it is. The result is less by its standard
-/// error as the passes tell it: a single bright sample tells nothing.
-pub(super) fn noise_with_rare(passes: &[Image], picture: &Image) -> f64 {
+/// met in one pass of so many. What is around, more samples by far, tells how rare it is. Beside it is its standard error, as the
+/// passes tell it.
+pub(super) fn noise_with_rare(passes: &[Image], picture: &Image) -> (f64, f64) {
     let n = passes.len() as f32;
     let sum = |i: usize| passes.iter().map(|pass| pass.pixels()[i]).sum::<Rgb>();
     let means = (0..passes[0].pixels().len()).map(|i| sum(i) * (1.0 / n)).collect();
@@ -85,7 +85,8 @@ pub(super) fn noise_with_rare(passes: &[Image], picture: &Image) -> f64 {
     let (n, pixels) = (f64::from(n), means.pixels().len() as f64);
     let mean = noise.iter().sum::<f64>() / n;
     let doubt = (noise.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt();
-    (mean - doubt) * n / (n - 1.0) / (3.0 * pixels)
+    let scale = n / (n - 1.0) / (3.0 * pixels);
+    (mean * scale, doubt * scale)
 }
 
 /// Means over each pixel and those up to `reach` rows and columns away.
@@ -123,7 +124,7 @@ impl Pilot {
     }
 
     /// What this promises beside all, the widest last, with errors relative to `guide` and the noise that
-    /// [rare light](Self::camera_noise) adds to every camera sample.
+    /// [rare light](super::Rare) adds to every camera sample.
     pub fn against(&self, all: &[Self], guide: &[[f64; 3]], rare: f64) -> Trial {
         let widest = all.last().expect("there are candidates");
         let mut noise = relative(&self.noise, guide.iter().copied());
@@ -325,12 +326,16 @@ mod tests {
             (0..n).map(|_| Image::from_fn(width, height, |x, _| Rgb::splat(f(x, s.next_1d())))).collect()
         };
         let even = Image::from_fn(width, height, |_, _| Rgb::splat(1.0));
-        let told = noise_with_rare(&passes(16, &|_, u| if u < 1e-3 { 300.0 } else { 1.0 }), &even);
+        let least = |passes: Vec<Image>| {
+            let (noise, doubt) = noise_with_rare(&passes, &even);
+            noise - doubt
+        };
+        let told = least(passes(16, &|_, u| if u < 1e-3 { 300.0 } else { 1.0 }));
         assert!((20.0..45.0).contains(&told), "{told}");
         let edges = |x: u32, u: f32| if x.is_multiple_of(8) && u < 0.1 { 100.0 } else { 1.0 };
-        let told = noise_with_rare(&passes(48, &edges), &even);
+        let told = least(passes(48, &edges));
         assert!((0.9..2.5).contains(&told), "{told}");
-        let ordinary = noise_with_rare(&passes(4, &|_, u| 2.0 * u), &even);
+        let ordinary = least(passes(4, &|_, u| 2.0 * u));
         assert!((0.2..0.4).contains(&ordinary), "{ordinary}");
     }
 
