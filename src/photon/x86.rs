@@ -54,6 +54,7 @@ impl Avx2 {
 impl Avx512 {
     pub fn detect() -> Option<Self> {
         let has = is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512dq")
             && is_x86_feature_detected!("avx512vl")
             && is_x86_feature_detected!("popcnt");
         has.then_some(Self(()))
@@ -62,7 +63,7 @@ impl Avx512 {
     /// Runs a task in code that may use the instructions.
     #[inline(always)]
     pub fn run<T: Task>(self, task: T) -> T::Output {
-        #[target_feature(enable = "avx512f,avx512vl,popcnt")]
+        #[target_feature(enable = "avx512f,avx512dq,avx512vl,popcnt")]
         fn with_features<T: Task>(simd: Avx512, task: T) -> T::Output {
             task.run(simd)
         }

@@ -11,4 +11,4 @@ pub mod warp;
 
 pub use discrete::{AliasTable, Cdf, Distribution2d};
 pub use hash::{Key, Purpose, hash_u64, mix64};
-pub use sampler::{Numbers, Sampler, Sequence};
+pub use sampler::{Numbers, Sampler, Sequence, Streams};

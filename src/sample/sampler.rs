@@ -56,6 +56,58 @@ const DIMENSIONS: [u64; 64] = {
     table
 };
 
+#[inline(always)]
+fn dimension(dim: u32) -> u64 {
+    DIMENSIONS.get(dim as usize).copied().unwrap_or_else(|| premix(dim as u64))
+}
+
+/// Streams of one sequence side by side, of which each gives a point next and then a number: computed together, by loops that
+/// the compiler makes vectors of, they are the bits that each stream gives.
+#[derive(Clone, Copy, Debug)]
+pub struct Streams<const N: usize> {
+    sequence: Sequence,
+    key: [u64; N],
+    prepared: [u64; N],
+    /// Hashes of the dimensions of the point and of the number.
+    dimensions: [[u64; N]; 2],
+}
+
+impl<const N: usize> Streams<N> {
+    pub fn new(sequence: Sequence) -> Self {
+        Self { sequence, key: [0; N], prepared: [0; N], dimensions: [[0; N]; 2] }
+    }
+
+    /// Puts a stream of the same sequence, as it is, into lane `i`.
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, stream: &Sampler) {
+        debug_assert_eq!(self.sequence, stream.sequence);
+        (self.key[i], self.prepared[i]) = (stream.key, stream.prepared);
+        (self.dimensions[0][i], self.dimensions[1][i]) = (dimension(stream.dim), dimension(stream.dim.wrapping_add(1)));
+    }
+
+    /// The points of the first `len` lanes, coordinate by coordinate, and the numbers behind them.
+    #[inline(always)]
+    pub fn draw(&self, len: usize, point: &mut [[f32; N]; 2], number: &mut [f32; N]) {
+        assert!(len <= N);
+        let [of_point, of_number] = &self.dimensions;
+        for i in 0..len {
+            let (a, b) = (hash_premixed(self.key[i], of_point[i]), hash_premixed(self.key[i], of_number[i]));
+            let (x, y, z) = match self.sequence {
+                Sequence::Independent => {
+                    let point = hash_premixed(a, self.prepared[i]);
+                    (point as u32, (point >> 32) as u32, hash_premixed(b, self.prepared[i]) as u32)
+                }
+                Sequence::Sobol => {
+                    let reversed = self.prepared[i] as u32;
+                    let (x, y) = sobol::sample_2d(reversed, a);
+                    (x, y, sobol::sample_1d(reversed, b))
+                }
+            };
+            (point[0][i], point[1][i], number[i]) = (to_unit(x), to_unit(y), to_unit(z));
+        }
+    }
+}
+
 impl Sampler {
     /// The stream of sample `index` of the family `key`. Indices beyond 2³² start further scrambles.
     #[inline]
@@ -165,8 +217,7 @@ impl Sampler {
 
     #[inline(always)]
     fn next_hash(&mut self) -> u64 {
-        let dimension = DIMENSIONS.get(self.dim as usize).copied().unwrap_or_else(|| premix(self.dim as u64));
-        let hash = hash_premixed(self.key, dimension);
+        let hash = hash_premixed(self.key, dimension(self.dim));
         self.dim = self.dim.wrapping_add(1);
         hash
     }
@@ -182,7 +233,7 @@ impl Sampler {
 }
 
 /// The top 24 bits as a float in [0, 1); 1 is never reached.
-#[inline]
+#[inline(always)]
 fn to_unit(x: u32) -> f32 {
     (x >> 8) as f32 * (1.0 / 16_777_216.0)
 }
@@ -224,6 +275,23 @@ mod tests {
             }
             // Standard error of the mean is 1/sqrt(12 n) = 0.0011; 4 of them.
             assert!((sum / n as f64 - 0.5).abs() < 0.0045, "{sequence:?}: {}", sum / n as f64);
+        }
+    }
+
+    #[test]
+    fn many_streams_go_on_as_each_does_alone() {
+        for sequence in [Sequence::Independent, Sequence::Sobol] {
+            let mut streams = Streams::<24>::new(sequence);
+            // At different places, also behind the dimensions that have been hashed before.
+            let at = |i: usize| Sampler::new(sequence, Key::new(4, Purpose::Test, i as u64 % 3), 1000 + i as u64);
+            let lanes: Vec<Sampler> = (0..24).map(|i| at(i).skip(i as u32 * 5)).collect();
+            lanes.iter().enumerate().for_each(|(i, stream)| streams.set(i, stream));
+            let (mut point, mut number) = ([[0.0; 24]; 2], [0.0; 24]);
+            streams.draw(24, &mut point, &mut number);
+            for (i, mut stream) in lanes.into_iter().enumerate() {
+                assert_eq!(Vec2::new(point[0][i], point[1][i]), stream.next_2d());
+                assert_eq!(number[i], stream.next_1d());
+            }
         }
     }
 

@@ -6,12 +6,13 @@
 use arrayvec::ArrayVec;
 
 use super::EnergyBalance;
-use super::walk::{Flight, Stamp, WAVE, survival};
+use super::walk::{Flight, Stamp, WAVE, WalkSettings, rounding_bits, survival};
 use crate::bsdf::{DiffuseBsdf, Mode};
 use crate::color::Rgb;
 use crate::geometry::{SurfaceInteraction, quick_normal, triangle_normal, triangle_point_error, unit_or};
 use crate::math::{Vec2, Vec3, offset_ray_origin};
 use crate::photon::{Level, Photon, PhotonClass, PhotonRecord, Simd, Task};
+use crate::sample::{Key, Streams};
 
 /// Lanes that a loop does at once.
 const WIDTH: usize = 16;
@@ -61,6 +62,7 @@ struct Arrivals {
     depth: [u32; WAVE],
     class: [PhotonClass; WAVE],
     mark: [bool; WAVE],
+    path: [Key; WAVE],
     /// Random bits for packing.
     bits: [u64; WAVE],
     // The diffuse surface: both normals on the side that reflects.
@@ -69,7 +71,8 @@ struct Arrivals {
     reflectance: Triples,
     /// 1 where the surface absorbs all and stores nothing.
     black: [u32; WAVE],
-    // Random numbers: the direction, and that of the roulette.
+    // Random numbers: the direction and that of the roulette, and where they come from.
+    streams: Streams<WAVE>,
     u: [Lane; 2],
     u_roulette: Lane,
 }
@@ -217,12 +220,12 @@ pub(super) struct Lanes {
 }
 
 impl Lanes {
-    pub fn new(rr_depth: u32) -> Self {
+    pub fn new(walk: &WalkSettings) -> Self {
         let zero = Triples::ZERO;
         Self {
             level: Level::best(),
             len: 0,
-            rr_depth,
+            rr_depth: walk.rr_depth,
             slot: [0; WAVE],
             faces: Faces {
                 corners: [zero; 3],
@@ -243,11 +246,13 @@ impl Lanes {
                 depth: [0; WAVE],
                 class: [PhotonClass::Global; WAVE],
                 mark: [false; WAVE],
+                path: [Key(0); WAVE],
                 bits: [0; WAVE],
                 ns: zero,
                 ng: zero,
                 reflectance: zero,
                 black: [0; WAVE],
+                streams: Streams::new(walk.sequence),
                 u: [[0.0; WAVE]; 2],
                 u_roulette: [0.0; WAVE],
             },
@@ -298,19 +303,19 @@ impl Lanes {
         }
     }
 
-    /// Takes what does not depend on the surface; the place of the photon. Draws its random numbers but for that of the
-    /// roulette: whether it will be used is not known yet.
+    /// Takes what does not depend on the surface; the place of the photon. Moves its stream to the number for the roulette:
+    /// whether that will be used is not known yet.
     #[inline(always)]
     fn push_photon(&mut self, slot: usize, flight: &mut Flight) -> usize {
         let (i, a) = (self.len, &mut self.arrivals);
         self.len += 1;
         self.slot[i] = slot as u8;
         a.flux.set_color(i, flight.flux);
-        let Stamp { class, mark, bits } = flight.stamp();
-        (a.depth[i], a.class[i], a.mark[i], a.bits[i]) = (flight.depth, class, mark, bits);
-        let (_, u) = (flight.sampler.next_1d(), flight.sampler.next_2d());
-        let mut ahead = flight.sampler;
-        (a.u[0][i], a.u[1][i], a.u_roulette[i]) = (u.x, u.y, ahead.next_1d());
+        let Stamp { class, mark } = flight.stamp();
+        (a.depth[i], a.class[i], a.mark[i], a.path[i]) = (flight.depth, class, mark, flight.path);
+        // There is one lobe: the number that chooses it is not needed.
+        a.streams.set(i, &flight.sampler.skip(1));
+        flight.sampler = flight.sampler.skip(2);
         i
     }
 
@@ -373,10 +378,21 @@ impl Task for Step<'_> {
             meet(faces, arrivals, lanes);
             others.into_iter().zip(kept).for_each(|(i, surface)| arrivals.set_surface(i, surface));
         }
+        draw(arrivals, lanes);
         pack(arrivals, packed, lanes);
         scatter(arrivals, departures, *rr_depth, lanes);
         add_losses(absorbed, &arrivals.flux, &departures.scattered, lanes);
         add_losses(roulette, &departures.scattered, &departures.flux, lanes);
+    }
+}
+
+/// The random numbers.
+#[inline(always)]
+fn draw(a: &mut Arrivals, lanes: usize) {
+    assert!(lanes <= WAVE);
+    a.streams.draw(lanes, &mut a.u, &mut a.u_roulette);
+    for i in 0..lanes {
+        a.bits[i] = rounding_bits(a.path[i], a.depth[i]);
     }
 }
 
@@ -484,11 +500,11 @@ fn add_losses(sums: &mut Sums, before: &Triples, after: &Triples, lanes: usize) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Key, Purpose, Sampler, Sequence, warp};
+    use crate::sample::{Purpose, Sampler, Sequence, warp};
 
     /// What becomes of photons with random surfaces, powers and numbers, all that is computed of them.
-    fn run(level: Level, len: usize) -> String {
-        let mut lanes = Lanes::new(1);
+    fn run(level: Level, sequence: Sequence, len: usize) -> String {
+        let mut lanes = Lanes::new(&WalkSettings { max_depth: None, rr_depth: 1, sequence });
         (lanes.level, lanes.len) = (level, len);
         for i in 0..len {
             let a = &mut lanes.arrivals;
@@ -517,8 +533,8 @@ mod tests {
             a.flux.set_color(i, Rgb::new(s.next_1d(), 1e-3 * s.next_1d(), if i % 3 == 0 { 0.0 } else { 1.0 }));
             a.reflectance.set_color(i, Rgb::new(s.next_1d(), s.next_1d(), if i % 5 == 0 { 1.0 } else { 0.0 }));
             (a.depth[i], a.mark[i]) = (i as u32 % 3, i % 2 == 0);
-            a.bits[i] = crate::sample::mix64(s.next_1d().to_bits() as u64);
-            (a.u[0][i], a.u[1][i], a.u_roulette[i]) = (s.next_1d(), s.next_1d(), s.next_1d());
+            a.path[i] = Key::new(8, Purpose::Test, i as u64);
+            a.streams.set(i, &Sampler::new(sequence, a.path[i], 70 + i as u64));
         }
         // Powers that cannot be stored or scattered.
         let a = &mut lanes.arrivals;
@@ -532,9 +548,12 @@ mod tests {
     #[test]
     fn every_instruction_set_gives_the_same_bits() {
         for len in [1, 15, 16, 17, WAVE] {
-            let results: Vec<String> = Level::available().into_iter().map(|level| run(level, len)).collect();
-            assert!(results.iter().all(|r| *r == results[0]), "{len} photons: {results:#?}");
-            assert!(results[0].contains("None") && (len == 1 || results[0].contains("Some")));
+            for sequence in [Sequence::Independent, Sequence::Sobol] {
+                let results: Vec<String> =
+                    Level::available().into_iter().map(|level| run(level, sequence, len)).collect();
+                assert!(results.iter().all(|r| *r == results[0]), "{len} photons: {results:#?}");
+                assert!(results[0].contains("None") && (len == 1 || results[0].contains("Some")));
+            }
         }
     }
 }

@@ -107,7 +107,7 @@ pub(super) struct Flight<N = Sampler> {
     pub sampler: N,
     /// Its path: the number, and the key of its random bits.
     index: u64,
-    path: Key,
+    pub path: Key,
     /// The shape met first.
     first: u32,
     /// Surfaces met.
@@ -120,11 +120,16 @@ pub(super) struct Flight<N = Sampler> {
     narrow: bool,
 }
 
-/// What a stored photon tells about its path, and random bits to round its power with.
+/// What a stored photon tells about its path.
 pub(super) struct Stamp {
     pub class: PhotonClass,
     pub mark: bool,
-    pub bits: u64,
+}
+
+/// Random bits to round the power of a photon of `path` with, at its surface `depth`.
+#[inline(always)]
+pub(super) fn rounding_bits(path: Key, depth: u32) -> u64 {
+    hash_u64(hash_u64(path.0, depth as u64), Purpose::Quantize as u64)
 }
 
 impl<N> Flight<N> {
@@ -155,11 +160,9 @@ impl<N> Flight<N> {
 
     #[inline(always)]
     pub fn stamp(&self) -> Stamp {
-        let bits = hash_u64(self.path.0, self.depth as u64);
         Stamp {
             class: if self.specular_chain && self.depth > 1 { PhotonClass::Caustic } else { PhotonClass::Global },
             mark: !self.scattered || self.narrow,
-            bits: hash_u64(bits, Purpose::Quantize as u64),
         }
     }
 }
@@ -250,7 +253,7 @@ impl Deposit {
         let mut launch = Launch::new(indices.clone());
         let (mut wave, mut len) = ([Flight::none(Sampler::new(self.walk.sequence, key, 0), key); WAVE], WAVE);
         let mut hits = [None; WAVE];
-        let mut lanes = Lanes::new(self.walk.rr_depth);
+        let mut lanes = Lanes::new(&self.walk);
         let far = scene.stats.triangles > NEAR_TRIANGLES;
         // By photon: which path stored it.
         let (before, mut owners) = (self.photons.len(), Vec::new());
@@ -514,10 +517,10 @@ impl Deposit {
 
     #[inline]
     fn store<N>(&mut self, scene: &Scene, si: &SurfaceInteraction, flight: &Flight<N>) {
-        let (power, Stamp { class, mark, bits }) = (flight.flux, flight.stamp());
+        let (power, Stamp { class, mark }) = (flight.flux, flight.stamp());
         let side = si.wo.dot(si.ng) > 0.0;
         let record = PhotonRecord { p: si.p, power, wi: si.wo, side, normal: si.ng, class, mark };
-        match Photon::pack(&record, bits) {
+        match Photon::pack(&record, rounding_bits(flight.path, flight.depth)) {
             Ok(photon) => self.keep(scene, photon, power.max_channel(), flight.first),
             Err(_) => self.rejected += 1,
         }
