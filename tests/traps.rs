@@ -226,7 +226,7 @@ fn a_far_photon_overflows_no_grid() {
     maps.set_global(PhotonMap::build(photons), &lookup(100, 1e-4), 1.0);
     maps.precompute_irradiance();
     let si = middle(&scene);
-    let found = maps.global_radiance(&si, &scene.bsdf(&si), &mut Counters::default());
+    let found: MapEstimate = maps.global_radiance(&si, &scene.bsdf(&si), &mut Counters::default());
     assert!(found.radiance.is_finite() && found.radiance.g > 0.0);
 }
 

@@ -16,5 +16,5 @@ pub use bins::{BINS, Bins, LEAST_PHOTONS};
 pub use boundary::{Clearing, Patch};
 pub use direct::{MetLight, met_light, power_heuristic, sample_direct, sample_direct_unless, sample_lobe_light};
 pub use fixed::{Lobes, RadiusEstimate, RadiusMap, takes_in};
-pub use photons::{LookupSettings, MapEstimate, NARROW, PhotonMaps};
+pub use photons::{Both, LookupSettings, MapEstimate, NARROW, PhotonMaps, Reading};
 pub use shadows::ShadowMap;

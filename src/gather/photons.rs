@@ -1,6 +1,7 @@
 //! Radiance from photon maps by density estimation [Jensen 2001, §7].
 
 use std::cell::RefCell;
+use std::ops::{AddAssign, Mul};
 
 use super::area::{self, AreaSettings};
 use super::irradiance::IrradianceMap;
@@ -9,7 +10,7 @@ use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
 use crate::math::{INV_PI, Vec3};
-use crate::photon::{Kernel, KnnScratch, PhotonClass, PhotonMap};
+use crate::photon::{Kernel, KnnScratch, Neighbours, PhotonClass, PhotonMap};
 use crate::tally::Counters;
 
 /// How photon maps are read. Radii are fractions of the radius of the scene's bounding sphere.
@@ -29,15 +30,66 @@ pub struct LookupSettings {
 
 /// A density estimate.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct MapEstimate {
+pub struct MapEstimate<T = Rgb> {
     /// W·m⁻²·sr⁻¹.
-    pub radiance: Rgb,
+    pub radiance: T,
     /// Squared radius of the disc that it is an average over; 0 where there is no map.
     pub radius_sq: f32,
 }
 
 /// Share of their area in which photon maps are read once more to tell the bias of estimates.
 pub const NARROW: f32 = 0.5;
+
+/// What is read of photon maps: the estimate alone or [`Both`].
+pub trait Reading: Copy + Default + From<Rgb> + AddAssign + Mul<Rgb, Output = Self> {
+    /// From an estimate and the one by a share [`NARROW`] of its photons.
+    fn of(own: Rgb, narrow: impl FnOnce() -> Rgb) -> Self;
+}
+
+impl Reading for Rgb {
+    #[inline]
+    fn of(own: Rgb, _: impl FnOnce() -> Rgb) -> Self {
+        own
+    }
+}
+
+/// An estimate, and that of [narrow](PhotonMaps::narrow) maps; the same twice for what is not read from maps.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Both {
+    pub own: Rgb,
+    pub narrow: Rgb,
+}
+
+impl Reading for Both {
+    #[inline]
+    fn of(own: Rgb, narrow: impl FnOnce() -> Rgb) -> Self {
+        Self { own, narrow: narrow() }
+    }
+}
+
+impl From<Rgb> for Both {
+    #[inline]
+    fn from(own: Rgb) -> Self {
+        Self { own, narrow: own }
+    }
+}
+
+impl AddAssign for Both {
+    #[inline]
+    fn add_assign(&mut self, other: Self) {
+        self.own += other.own;
+        self.narrow += other.narrow;
+    }
+}
+
+impl Mul<Rgb> for Both {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, factor: Rgb) -> Self {
+        Self { own: self.own * factor, narrow: self.narrow * factor }
+    }
+}
 
 /// Photons whose surface is turned further than this (60°) from the one they are gathered on do not count.
 pub(super) const MIN_NORMAL_COS: f32 = 0.5;
@@ -108,8 +160,7 @@ impl PhotonMaps {
     /// Reads all maps from now on with a share [`NARROW`] of the photons, within that share of the area.
     pub fn narrow(&mut self) {
         for lookup in [&mut self.caustic, &mut self.global].into_iter().flatten() {
-            lookup.size = ((lookup.size as f32 * NARROW) as usize).max(1);
-            lookup.max_radius_sq *= NARROW;
+            (lookup.size, lookup.max_radius_sq) = lookup.narrower();
         }
     }
 
@@ -125,13 +176,18 @@ impl PhotonMaps {
 
     /// Radiance of caustics that leaves `si` towards `si.wo` through its diffuse and wide glossy lobes.
     #[inline]
-    pub fn caustic_radiance(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> Rgb {
-        self.caustic.as_ref().map_or(Rgb::BLACK, |l| l.estimate(si, bsdf, counters).radiance)
+    pub fn caustic_radiance<T: Reading>(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> T {
+        self.caustic.as_ref().map_or(T::default(), |l| l.estimate(si, bsdf, counters).radiance)
     }
 
     /// Radiance that leaves `si` towards `si.wo` through its diffuse and wide glossy lobes, from the global map.
     #[inline]
-    pub fn global_radiance(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> MapEstimate {
+    pub fn global_radiance<T: Reading>(
+        &self,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        counters: &mut Counters,
+    ) -> MapEstimate<T> {
         self.global.as_ref().map_or(MapEstimate::default(), |l| l.estimate(si, bsdf, counters))
     }
 
@@ -141,7 +197,7 @@ impl PhotonMaps {
         let Some(global) = &self.global else { return self.caustic_radiance(si, bsdf, counters) };
         let sharper = self.caustic.is_some();
         let rest = |i: u32| !(sharper && global.map.flags(i).class() == PhotonClass::Caustic);
-        self.caustic_radiance(si, bsdf, counters) + global.estimate_where(si, bsdf, rest).radiance
+        self.caustic_radiance::<Rgb>(si, bsdf, counters) + global.estimate_where::<Rgb>(si, bsdf, rest).radiance
     }
 
     /// As [`PhotonMaps::global_radiance`] without what is precomputed.
@@ -186,12 +242,17 @@ impl Lookup {
         self.max_radius_sq.sqrt()
     }
 
+    /// A share [`NARROW`] of the photons in an estimate, and of its largest squared radius.
+    fn narrower(&self) -> (usize, f32) {
+        (((self.size as f32 * NARROW) as usize).max(1), self.max_radius_sq * NARROW)
+    }
+
     fn memory(&self) -> usize {
         self.map.memory() + self.irradiance.as_ref().map_or(0, IrradianceMap::memory)
     }
 
     /// `L = Σ f(wo, wi)·Φ·K(d)` over the nearest photons of this side of this surface [Jensen 2001, eq. 7.6].
-    fn estimate(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> MapEstimate {
+    fn estimate<T: Reading>(&self, si: &SurfaceInteraction, bsdf: &Bsdf, counters: &mut Counters) -> MapEstimate<T> {
         counters.photon_queries += 1;
         let front = si.wo.dot(si.ng) > 0.0;
         // Lambertian: the directions of the photons do not matter, and irradiance may be known already.
@@ -199,19 +260,24 @@ impl Lookup {
             && let Some((irradiance, radius_sq)) =
                 self.irradiance.as_ref().and_then(|map| map.lookup(si.p, si.ng, front))
         {
-            return MapEstimate { radiance: albedo * INV_PI * irradiance, radius_sq };
+            return MapEstimate { radiance: T::from(albedo * INV_PI * irradiance), radius_sq };
         }
         self.estimate_where(si, bsdf, |_| true)
     }
 
     /// As [`Lookup::estimate`] over the photons that `accept` takes, without what is precomputed.
-    fn estimate_where(&self, si: &SurfaceInteraction, bsdf: &Bsdf, accept: impl Fn(u32) -> bool) -> MapEstimate {
+    fn estimate_where<T: Reading>(
+        &self,
+        si: &SurfaceInteraction,
+        bsdf: &Bsdf,
+        accept: impl Fn(u32) -> bool,
+    ) -> MapEstimate<T> {
         let front = si.wo.dot(si.ng) > 0.0;
         SCRATCH.with_borrow_mut(|scratch| {
             if let Some(albedo) = bsdf.lambertian(LobeMask::SMOOTH_WIDE) {
-                let sum = self.sum(si.p, si.ng, Some(front), scratch, accept, |i| self.map.power(i));
+                let sum = self.sum::<T>(si.p, si.ng, Some(front), scratch, accept, |i| self.map.power(i));
                 return sum.map_or(MapEstimate::default(), |(irradiance, radius_sq)| MapEstimate {
-                    radiance: albedo * INV_PI * irradiance,
+                    radiance: irradiance * (albedo * INV_PI),
                     radius_sq,
                 });
             }
@@ -233,7 +299,8 @@ impl Lookup {
 
     /// Photons for each unit of area on one side of a surface.
     fn density(&self, p: Vec3, ng: Vec3, front: bool, scratch: &mut KnnScratch) -> f32 {
-        self.sum(p, ng, Some(front), scratch, |_| true, |_| Rgb::splat(1.0)).map_or(0.0, |(density, _)| density.g)
+        let found = self.sum::<Rgb>(p, ng, Some(front), scratch, |_| true, |_| Rgb::splat(1.0));
+        found.map_or(0.0, |(density, _)| density.g)
     }
 
     /// `Σ term·K(d)` over the nearest photons on this surface, and the squared radius.
@@ -241,7 +308,7 @@ impl Lookup {
     /// The k-th photon only sets the radius: the other k − 1 are uniform within it, so that the estimate has no bias in
     /// uniform light, whereas k/(πr²) is too large by k/(k − 1).
     #[inline]
-    fn sum(
+    fn sum<T: Reading>(
         &self,
         p: Vec3,
         ng: Vec3,
@@ -249,25 +316,35 @@ impl Lookup {
         scratch: &mut KnnScratch,
         accept: impl Fn(u32) -> bool,
         term: impl Fn(u32) -> Rgb,
-    ) -> Option<(Rgb, f32)> {
+    ) -> Option<(T, f32)> {
         let found = self.map.nearest_where(p, self.size, self.max_radius_sq, scratch, |i| {
             let flags = self.map.flags(i);
             side.is_none_or(|s| flags.side() == s) && flags.normal().dot(ng) > MIN_NORMAL_COS && accept(i)
         });
-        let radius_sq = found.radius_sq;
-        if radius_sq <= 0.0 {
+        if found.radius_sq <= 0.0 {
             return None;
         }
-        let kernel = self.kernel;
+        let (own, radius_sq) = self.weighted(&found, (p, ng), &term);
+        let narrow = || {
+            let (size, max_radius_sq) = self.narrower();
+            self.weighted(&found.nearest(size, max_radius_sq).as_neighbours(), (p, ng), &term).0
+        };
+        Some((T::of(own, narrow), radius_sq))
+    }
+
+    /// `Σ term·K(d)` over photons found around a point of a surface, and the squared radius.
+    #[inline]
+    fn weighted(&self, found: &Neighbours, at: (Vec3, Vec3), term: &impl Fn(u32) -> Rgb) -> (Rgb, f32) {
+        let (kernel, radius_sq) = (self.kernel, found.radius_sq);
         if let Some(area) = &self.area {
-            return Some(area::sum(area, (&self.map, &found), (p, ng), kernel, term));
+            return area::sum(area, (&self.map, found), at, kernel, term);
         }
         let sum = if found.full {
             found.iter().map(|(i, d_sq)| term(i) * kernel.nearest_weight(d_sq, radius_sq)).sum()
         } else {
             found.iter().map(|(i, d_sq)| term(i) * kernel.weight(d_sq, radius_sq)).sum()
         };
-        Some((sum, radius_sq))
+        (sum, radius_sq)
     }
 }
 

@@ -3,6 +3,7 @@ use super::{MaxDepth, bounce, roulette};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::camera::CameraRay;
 use crate::color::Rgb;
+use crate::gather::Reading;
 use crate::geometry::{Ray, SurfaceInteraction};
 use crate::sample::Sampler;
 use crate::scene::Scene;
@@ -48,35 +49,35 @@ pub(super) struct LobeWalk {
 }
 
 /// Sums what a path comes upon; `wide` gives the radiance that leaves surfaces with lobes that photons estimate.
-struct Sum<F> {
-    radiance: Rgb,
+struct Sum<T, F> {
+    radiance: T,
     wide: F,
 }
 
-impl<F: FnMut(&Sight, &mut Sampler, &mut Counters) -> Rgb> Sights for Sum<F> {
+impl<T: Reading, F: FnMut(&Sight, &mut Sampler, &mut Counters) -> T> Sights for Sum<T, F> {
     #[inline]
     fn light(&mut self, radiance: Rgb) {
-        self.radiance += radiance;
+        self.radiance += T::from(radiance);
     }
 
     #[inline]
     fn wide(&mut self, at: &Sight, sampler: &mut Sampler, counters: &mut Counters) {
-        self.radiance += at.beta * (self.wide)(at, sampler, counters);
+        self.radiance += (self.wide)(at, sampler, counters) * at.beta;
     }
 }
 
 impl LobeWalk {
     /// The radiance of the path of a camera ray, `wide` being what leaves surfaces with lobes that photons estimate.
     #[inline(always)]
-    pub fn radiance(
+    pub fn radiance<T: Reading>(
         &self,
         scene: &Scene,
         camera_ray: &CameraRay,
         sampler: &mut Sampler,
         counters: &mut Counters,
-        wide: impl FnMut(&Sight, &mut Sampler, &mut Counters) -> Rgb,
-    ) -> Rgb {
-        let mut sum = Sum { radiance: Rgb::BLACK, wide };
+        wide: impl FnMut(&Sight, &mut Sampler, &mut Counters) -> T,
+    ) -> T {
+        let mut sum = Sum { radiance: T::default(), wide };
         self.follow(scene, camera_ray, &mut sum, sampler, counters);
         sum.radiance
     }

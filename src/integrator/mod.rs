@@ -37,6 +37,19 @@ pub trait Integrator: Sync {
     fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb;
 }
 
+/// Several pictures by the same camera paths.
+pub trait Outputs<const N: usize>: Sync {
+    /// One estimate of each (W·m⁻²·sr⁻¹).
+    fn see(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> [Rgb; N];
+}
+
+impl<I: Integrator> Outputs<1> for I {
+    #[inline(always)]
+    fn see(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> [Rgb; 1] {
+        [self.li(scene, sample, sampler, counters)]
+    }
+}
+
 /// Longest path in edges; `None` is unlimited. Mitsuba's convention: 1 shows emitters only, 2 adds direct light.
 pub type MaxDepth = Option<u32>;
 

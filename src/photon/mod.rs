@@ -34,5 +34,5 @@ pub use map::PhotonMap;
 pub use order::{morton_code, morton_order};
 pub use packed::{Flags, MAX_COORDINATE, Photon, PhotonClass, PhotonRecord, Rejected};
 pub use ply::write_ply;
-pub use query::{KnnScratch, Neighbours};
+pub use query::{Fewer, KnnScratch, Neighbours};
 pub(crate) use simd::{Level, Simd, Task};

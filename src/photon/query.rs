@@ -70,6 +70,35 @@ impl Neighbours<'_> {
     pub fn iter(&self) -> impl Iterator<Item = (u32, f32)> + '_ {
         self.index.iter().copied().zip(self.d_sq.iter().copied())
     }
+
+    /// The nearest `k` of these whose squared distance is at most `max_r_sq`: what a search for them would have found, if this
+    /// one was for as many at least and as far.
+    pub fn nearest(&self, k: usize, max_r_sq: f32) -> Fewer {
+        let mut within: Vec<(f32, u32)> =
+            self.iter().filter(|n| n.1 <= max_r_sq).map(|(index, d_sq)| (d_sq, index)).collect();
+        let full = within.len() >= k;
+        if full {
+            within.select_nth_unstable_by(k - 1, |a, b| a.0.total_cmp(&b.0));
+            within.truncate(k);
+        }
+        let radius_sq = if full { within[k - 1].0 } else { max_r_sq };
+        let (d_sq, index) = within.into_iter().unzip();
+        Fewer { d_sq, index, radius_sq, full }
+    }
+}
+
+/// Some of the photons that a query has found.
+pub struct Fewer {
+    d_sq: Vec<f32>,
+    index: Vec<u32>,
+    radius_sq: f32,
+    full: bool,
+}
+
+impl Fewer {
+    pub fn as_neighbours(&self) -> Neighbours<'_> {
+        Neighbours { d_sq: &self.d_sq, index: &self.index, radius_sq: self.radius_sq, full: self.full }
+    }
 }
 
 impl PhotonMap {

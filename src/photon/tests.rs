@@ -303,6 +303,28 @@ fn filtered_neighbours_equal_filtered_brute_force() {
 }
 
 #[test]
+fn the_nearest_of_those_found_are_what_a_search_finds() {
+    for shape in Shape::ALL {
+        let points: Vec<Vec3> = (0..3000).map(|i| shape.point(i)).collect();
+        let (map, mut scratch, mut narrow_scratch) = (build(&points), KnnScratch::new(), KnnScratch::new());
+        for q in (0..60).map(|i| shape.point(i * 41) + 0.01 * vector(i + 77)) {
+            for (k, r_sq) in [(100, 4.0), (100, 0.01), (7, 1e-3), (2, 1e-6)] {
+                let fewer = map.nearest(q, k, r_sq, &mut scratch).nearest(k / 2, r_sq / 2.0);
+                let (got, wanted) = (fewer.as_neighbours(), map.nearest(q, k / 2, r_sq / 2.0, &mut narrow_scratch));
+                let sorted = |n: &Neighbours| {
+                    let mut d_sq = n.d_sq.to_vec();
+                    d_sq.sort_unstable_by(f32::total_cmp);
+                    d_sq
+                };
+                assert_eq!((got.full, got.radius_sq), (wanted.full, wanted.radius_sq), "{shape:?} {k} {r_sq}");
+                assert_eq!(sorted(&got), sorted(&wanted), "{shape:?} {k} {r_sq}");
+                assert!(got.iter().all(|(i, d_sq)| distance_sq(map.position(i), q) == d_sq));
+            }
+        }
+    }
+}
+
+#[test]
 fn a_map_read_in_heap_order_is_the_same_map() {
     let points: Vec<Vec3> = (0..3000).map(vector).collect();
     let map = build(&points);

@@ -7,7 +7,7 @@ use crate::accel::{self, Task};
 use crate::camera::FilmWindow;
 use crate::film::{Film, FilmTile};
 use crate::integrator::sppm::{Sighting, Sppm};
-use crate::integrator::{CameraSample, Integrator};
+use crate::integrator::{CameraSample, Integrator, Outputs};
 use crate::math::Vec2;
 use crate::sample::{Key, Purpose, Sampler};
 use crate::scene::Scene;
@@ -24,14 +24,26 @@ pub fn render_pass<I: Integrator>(
     samples: Range<u64>,
     progress: &(dyn Fn(f64) + Sync),
 ) -> Counters {
+    render_films(scene, integrator, [film], seed, samples, progress)
+}
+
+/// As [`render_pass`], with a film for each picture.
+pub(super) fn render_films<const N: usize>(
+    scene: &Scene,
+    integrator: &impl Outputs<N>,
+    mut films: [&mut Film; N],
+    seed: u64,
+    samples: Range<u64>,
+    progress: &(dyn Fn(f64) + Sync),
+) -> Counters {
     let key = Key::new(seed, Purpose::Camera, 0);
-    let tiles = film.tile_count();
+    let tiles = films[0].tile_count();
     let done = AtomicUsize::new(0);
     let rendered: Vec<_> = (0..tiles)
         .into_par_iter()
         .map(|index| {
-            let (tile, counters) =
-                accel::run(Tile { scene, integrator, film: &*film, index, key, samples: samples.clone() });
+            let films = films.each_ref().map(|film| &**film);
+            let (tile, counters) = accel::run(Tile { scene, integrator, films, index, key, samples: samples.clone() });
             let finished = done.fetch_add(1, Ordering::Relaxed) + 1;
             progress(finished as f64 / tiles as f64);
             (tile, counters)
@@ -39,48 +51,52 @@ pub fn render_pass<I: Integrator>(
         .collect();
     // Merge in the order of the tiles, whatever the order in which they were finished.
     let mut counters = Counters::default();
-    for (tile, c) in rendered {
-        film.merge(&tile);
+    for (tiles, c) in rendered {
+        for (film, tile) in films.iter_mut().zip(&tiles) {
+            film.merge(tile);
+        }
         counters += c;
     }
     counters
 }
 
 /// The samples of one tile.
-struct Tile<'a, I> {
+struct Tile<'a, I, const N: usize> {
     scene: &'a Scene,
     integrator: &'a I,
-    film: &'a Film,
+    films: [&'a Film; N],
     index: usize,
     key: Key,
     samples: Range<u64>,
 }
 
-impl<I: Integrator> Task for Tile<'_, I> {
-    type Output = (FilmTile, Counters);
+impl<I: Outputs<N>, const N: usize> Task for Tile<'_, I, N> {
+    type Output = ([FilmTile; N], Counters);
 
     #[inline(always)]
     fn run(self) -> Self::Output {
-        let Self { scene, integrator, film, index, key, samples } = self;
-        let mut tile = film.tile(index);
+        let Self { scene, integrator, films, index, key, samples } = self;
+        let mut tiles = films.map(|film| film.tile(index));
         let mut counters = Counters::default();
-        for (x, y) in tile.pixels() {
+        for (x, y) in tiles[0].pixels() {
             let pixel_key = pixel_key(key, (x, y));
             for index in samples.clone() {
                 let (film_pos, sample, mut sampler) = camera_sample(scene, pixel_key, (x, y), index);
-                let radiance = integrator.li(scene, &sample, &mut sampler, &mut counters);
+                let radiances = integrator.see(scene, &sample, &mut sampler, &mut counters);
                 counters.samples += 1;
                 // Drop what is not a number, and say so.
-                if !tile.add_sample(film_pos, radiance) {
-                    if radiance.to_array().iter().any(|c| c.is_nan()) {
-                        counters.nan_samples += 1;
-                    } else {
-                        counters.infinite_samples += 1;
+                for (tile, radiance) in tiles.iter_mut().zip(radiances) {
+                    if !tile.add_sample(film_pos, radiance) {
+                        if radiance.to_array().iter().any(|c| c.is_nan()) {
+                            counters.nan_samples += 1;
+                        } else {
+                            counters.infinite_samples += 1;
+                        }
                     }
                 }
             }
         }
-        (tile, counters)
+        (tiles, counters)
     }
 }
 

@@ -142,7 +142,8 @@ pub struct Plan {
     /// In passes whose number this divides, read photon maps again, without precomputed irradiance and in half the area, to
     /// tell the bias of every pixel.
     pub bias_every: Option<u64>,
-    /// The bias told is also that of precomputed irradiance.
+    /// The bias told is also that of precomputed irradiance and of what gather rays read; otherwise only of what camera paths read
+    /// themselves, which takes little longer than the pass alone.
     pub bias_of_irradiance: bool,
     /// The render ends when its own estimate of relMSE is below this.
     pub target_error: Option<f64>,
@@ -391,6 +392,7 @@ fn photonmapper(s: &IntegratorSettings, own: bool, photons: Option<u64>, spp: u6
         final_gather_samples: integer("final_gather_samples", (64 / spp).max(1)) as u32,
         guided_emission: switch("guided_emission", true),
         shadow_photons: integer("shadow_photons", 0),
+        short_gather: 2.0,
         irradiance_photons: switch("irradiance_photons", true),
         irradiance_cache: s.boolean("irradiance_cache").filter(|&on| own && on).map(|_| cache(s)),
         lookup: LookupSettings {

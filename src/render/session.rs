@@ -1,6 +1,7 @@
 use std::ops::Range;
 
 use super::doubt::{Doubt, PassBias};
+use super::pass::render_films;
 use super::{ClampSummary, Control, Method, Plan, Summary, render_pass};
 use super::{layers::LayerFilms, progressive::Progressive};
 use crate::color::Rgb;
@@ -120,16 +121,23 @@ impl<'s> Session<'s> {
                 control.progress.phase("render");
                 let recipe = PhotonMapper { settings, maps: &maps, cache: cache.as_ref() };
                 let range = samples.clone();
-                let mut counters =
-                    self.summary.time("render", || render_pass(scene, &recipe, &mut film, seed, range, &report));
+                // Gather rays average over what they read, so that it may be taken as it is.
+                let at_once = tell_bias && !self.plan.bias_of_irradiance;
+                let mut narrow = at_once.then(|| film.fresh());
+                let mut counters = self.summary.time("render", || match &mut narrow {
+                    Some(narrow) => render_films(scene, &recipe, [&mut film, narrow], seed, range, &report),
+                    None => render_pass(scene, &recipe, &mut film, seed, range, &report),
+                });
                 // See the same samples once more for the layers.
                 if let Some(layers) = &mut self.layers {
                     let range = samples.clone();
                     counters += self.summary.time("render layers", || layers.add_pass(scene, recipe, seed, range));
                 }
-                if tell_bias {
-                    let exact = (self.plan.bias_of_irradiance && maps.forget_irradiance())
-                        .then(|| self.again(&settings, &maps, samples.clone(), control));
+                if let Some(narrow) = narrow {
+                    others = Some((None, narrow));
+                } else if tell_bias {
+                    let exact =
+                        maps.forget_irradiance().then(|| self.again(&settings, &maps, samples.clone(), control));
                     maps.narrow();
                     let narrow = self.again(&settings, &maps, samples, control);
                     counters += narrow.1;

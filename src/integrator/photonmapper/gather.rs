@@ -124,12 +124,12 @@ impl PhotonMapper<'_> {
         sampler: &mut Sampler,
         counters: &mut Counters,
     ) -> Rgb {
-        let estimate = self.maps.global_radiance(hit, bsdf, counters);
+        let estimate = self.maps.global_radiance::<Rgb>(hit, bsdf, counters);
         // The blur of the map would show where the gather ray is short: gather once more there.
-        let near = hit.t * hit.t < 4.0 * estimate.radius_sq;
+        let near = hit.t * hit.t < self.settings.short_gather.powi(2) * estimate.radius_sq;
         if near && nested < MAX_NESTED_GATHER && self.settings.max_depth.is_none() {
             sample_direct(scene, hit, bsdf, LobeMask::SMOOTH_WIDE, 1.0, sampler, counters)
-                + self.maps.caustic_radiance(hit, bsdf, counters)
+                + self.maps.caustic_radiance::<Rgb>(hit, bsdf, counters)
                 + self.gather_ray(scene, hit, bsdf, 1.0, nested + 1, sampler, counters)
         } else {
             estimate.radiance

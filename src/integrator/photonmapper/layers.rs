@@ -106,7 +106,7 @@ impl Sights for LayerSums<'_> {
         for (layer, out) in self.view.layers.iter().zip(self.out.iter_mut()) {
             *out += match layer {
                 Layer::Direct => at.beta * direct,
-                Layer::Caustic => at.beta * mapper.maps.caustic_radiance(at.si, at.bsdf, counters),
+                Layer::Caustic => at.beta * mapper.maps.caustic_radiance::<Rgb>(at.si, at.bsdf, counters),
                 Layer::Photons => at.beta * mapper.maps.photon_radiance(at.si, at.bsdf, counters),
                 Layer::Global if at.edges >= 2 => at.beta * mapper.maps.plain_global_radiance(at.si, at.bsdf, counters),
                 Layer::Global => Rgb::BLACK,

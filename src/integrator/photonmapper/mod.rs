@@ -18,11 +18,11 @@ pub use layers::{Layer, LayerView};
 
 use super::branches::LEAST_OF_FEW;
 use super::lobe_walk::LobeWalk;
-use super::{CameraSample, Integrator, MaxDepth};
+use super::{CameraSample, Integrator, MaxDepth, Outputs};
 use crate::bsdf::{Bsdf, LobeMask};
 use crate::color::Rgb;
 use crate::gather::cache::{CacheSettings, IrradianceCache};
-use crate::gather::{LookupSettings, PhotonMaps, sample_direct_unless, sample_lobe_light};
+use crate::gather::{Both, LookupSettings, PhotonMaps, Reading, sample_direct_unless, sample_lobe_light};
 use crate::geometry::SurfaceInteraction;
 use crate::math::{INV_PI, Vec3};
 use crate::sample::{Sampler, Sequence};
@@ -48,6 +48,8 @@ pub struct PhotonMapperSettings {
     pub final_gather: bool,
     /// Gather rays per camera sample.
     pub final_gather_samples: u32,
+    /// Gather once more where a gather ray is shorter than so many radii of the disc that it finds the map averaged over.
+    pub short_gather: f32,
     /// Gather rays find irradiance that was computed beforehand.
     pub irradiance_photons: bool,
     /// Interpolate gathered light between few points.
@@ -102,6 +104,17 @@ impl Integrator for PhotonMapper<'_> {
     }
 }
 
+impl Outputs<2> for PhotonMapper<'_> {
+    /// The radiance, and what it is where the camera's own paths read [narrow](PhotonMaps::narrow) maps.
+    fn see(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> [Rgb; 2] {
+        let Both { own, narrow } =
+            self.walk().radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
+                self.wide_lobes::<Both>(scene, at.si, at.bsdf, at.edges, sampler, counters)
+            });
+        [own, narrow]
+    }
+}
+
 impl PhotonMapper<'_> {
     /// How camera paths go on to where photons are read.
     fn walk(&self) -> LobeWalk {
@@ -116,7 +129,7 @@ impl PhotonMapper<'_> {
     }
 
     /// Radiance that leaves `si` through lobes that photons estimate, over paths of at most `edges` edges more.
-    fn wide_lobes(
+    fn wide_lobes<T: Reading>(
         &self,
         scene: &Scene,
         si: &SurfaceInteraction,
@@ -124,13 +137,14 @@ impl PhotonMapper<'_> {
         edges: u32,
         sampler: &mut Sampler,
         counters: &mut Counters,
-    ) -> Rgb {
+    ) -> T {
         let gathers = self.settings.final_gather && edges >= 2 && self.maps.has_global();
         // Gathered light that the cache knows leaves direct light to the shadow rays.
         let cached = if gathers { self.cached(si, bsdf, counters) } else { None };
         let gathers = gathers && cached.is_none();
         let gather_rays = if gathers { self.settings.final_gather_samples.max(1) } else { 0 };
-        let (mut sum, share) = self.direct(scene, si, bsdf, gather_rays, sampler, counters);
+        let (direct, share) = self.direct(scene, si, bsdf, gather_rays, sampler, counters);
+        let mut sum = T::from(direct);
         // Caustics from their map.
         sum += self.maps.caustic_radiance(si, bsdf, counters);
         // Indirect light by gathering over the global map, or from the map of indirect photons itself.
@@ -139,9 +153,9 @@ impl PhotonMapper<'_> {
                 .split(gather_rays)
                 .map(|mut s| self.gather_ray(scene, si, bsdf, 1.0 / share, 0, &mut s, counters))
                 .sum();
-            sum += gathered / gather_rays as f32;
+            sum += T::from(gathered / gather_rays as f32);
         } else if let Some(cached) = cached {
-            sum += cached;
+            sum += T::from(cached);
         } else if edges >= 2 {
             sum += self.maps.global_radiance(si, bsdf, counters).radiance;
         }

@@ -11,7 +11,7 @@ use crate::integrator::VcmSettings;
 use crate::integrator::vcm::{Merging, Recipe};
 use crate::scene::{Needs, Scene};
 use pilot::{Pilot, lights_met};
-use verdict::{guide, noise_with_rare};
+use verdict::{Guide, noise_with_rare};
 
 /// The name that asks for a choice.
 pub const AUTO: &str = "auto";
@@ -170,7 +170,7 @@ impl Race<'_> {
     fn pilots(&self, widest: &'static str) -> Result<Vec<Pilot>, PlanError> {
         let mut pilots = vec![Pilot::run(self.scene, "path", first_passes(self.scene, "path"), self.o)?];
         // Path tracing meets all light that nothing focuses.
-        if widest == "bdpt" && pilots[0].against(&pilots, &guide(&pilots), 0.0).work_to_goal() <= OTHER_PILOTS {
+        if widest == "bdpt" && pilots[0].against(&pilots, &Guide::new(&pilots), 0.0).work_to_goal() <= OTHER_PILOTS {
             return Ok(pilots);
         }
         for method in ["sppm", widest] {
@@ -190,7 +190,7 @@ impl Race<'_> {
         let mut maps: Option<Pilot> = None;
         let mut rare = Rare::default();
         loop {
-            let guide = guide(&pilots);
+            let guide = Guide::new(&pilots);
             let trials: Vec<Trial> =
                 pilots.iter().chain(&maps).map(|p| p.against(&pilots, &guide, rare.noise)).collect();
             let ahead = best(&trials);
@@ -211,9 +211,7 @@ impl Race<'_> {
             {
                 // Of the work of a camera sample, a quarter is assumed for what its path meets.
                 let work = 0.25 * (sppm.work - sppm.photon_work) * sppm.noise.len() as f64;
-                // Where maps promise most, the other pilots have taken a good part of that already.
-                let most = if trials[ahead].method == "photonmapper" { RARE_PASSES.0 } else { RARE_PASSES.1 };
-                let passes = ((RARE_LOOK * promised / work) as u64).min(most);
+                let passes = ((RARE_LOOK * promised / work) as u64).min(RARE_PASSES.1);
                 let told = trial.samples as f64 * (trial.noise - trial.photon_noise) - rare.noise;
                 let (least, wanted) = match rare.passes() {
                     0 => (RARE_PASSES.0, RARE_PASSES.0),

@@ -139,11 +139,12 @@ impl Pilot {
             for radius in [&mut s.lookup.global_radius, &mut s.lookup.caustic_radius] {
                 *radius /= MAP_SHARE.sqrt() as f32;
             }
+            // As many gather rays are short as in the render.
+            s.short_gather *= MAP_SHARE.sqrt() as f32;
         }
         let pilot_pixels = scene.film.window.pixels().max(1) as f64;
         let mut pilot = Self::of(scene, "photonmapper", &small, Some(1.0), |c| {
-            // Samples are seen twice.
-            [PHOTON_RAY * c.photon_rays as f64 / (MAP_SHARE * pixels), samples as f64 * 0.5 * seen(c) / pilot_pixels]
+            [PHOTON_RAY * c.photon_rays as f64 / (MAP_SHARE * pixels), samples as f64 * seen(c) / pilot_pixels]
         });
         pilot.samples = samples;
         if let Some(discs) = &mut pilot.discs {
@@ -275,7 +276,7 @@ fn seen(c: &Counters) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::verdict::guide;
+    use super::super::verdict::Guide;
     use super::*;
 
     /// What is told of radii that have shrunk is brought back to the first ones.
@@ -312,10 +313,38 @@ mod tests {
             [PHOTON_RAY * c.photon_rays as f64 / pixels, seen(c) / pixels]
         });
         let pilots = [all];
-        let guide = guide(&pilots);
+        let guide = Guide::new(&pilots);
         let (told, all) = (told.against(&pilots, &guide, 0.0), pilots[0].against(&pilots, &guide, 0.0));
         assert!((0.6..1.7).contains(&(told.noise / all.noise)), "{told:?} {all:?}");
         assert!((0.8..1.25).contains(&(told.work / all.work)), "{told:?} {all:?}");
+    }
+
+    /// Where camera paths read the maps themselves, reading both radii at once is the same as doing one after the other.
+    #[test]
+    fn both_radii_are_read_at_once() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/ring.xml");
+        let defines = [("width", "48"), ("height", "36")].map(|(k, v)| (k.to_owned(), v.to_owned()));
+        let options = crate::scene::LoadOptions { defines: defines.into_iter().collect(), ..Default::default() };
+        let scene = Scene::load(&path, &options).unwrap_or_else(|e| panic!("{e}"));
+        let integrator = Some("photonmapper".to_owned());
+        let o =
+            PlanOverrides { integrator, photons: Some(3000), track_error: true, seed: Some(3), ..Default::default() };
+        let mut plan = Plan { passes: 0..1, bias_every: Some(1), ..Plan::new(&scene, &o).expect("a plan") };
+        let Method::PhotonMapper(s) = &mut plan.method else { panic!("{plan:?}") };
+        s.final_gather = false;
+        let [apart, at_once] = [true, false].map(|bias_of_irradiance| {
+            let plan = Plan { bias_of_irradiance, ..plan.clone() };
+            let stop = AtomicBool::new(false);
+            let mut session = Session::new(&scene, &plan);
+            session.step(&Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent });
+            (session.image(), session.doubt().and_then(Doubt::bias).expect("it is told"))
+        });
+        assert_eq!(apart.0.pixels(), at_once.0.pixels());
+        let largest = apart.1.iter().map(|b| b.max_channel()).fold(0.0, f32::max);
+        assert!(largest > 0.01, "{largest}");
+        for (a, b) in apart.1.iter().zip(&at_once.1) {
+            assert!((0..3).all(|c| (a[c] - b[c]).abs() < 1e-5 * largest), "{a:?} {b:?}");
+        }
     }
 
     /// The edges of the ring's caustic are blurred by as much as `photonmapper` with all photons ends with, 0.028 at 320 × 240.
@@ -333,7 +362,7 @@ mod tests {
         let pixels = scene.film.window.pixels() as f64;
         let maps = Pilot::of_maps(&scene, &mapper, PASSES, pixels);
         let widest = [Pilot::of(&scene, "vcm", &Plan { passes: 0..4, ..vcm }, None, |c| [0.0, seen(c) / pixels])];
-        let trial = maps.against(&widest, &guide(&widest), 0.0);
+        let trial = maps.against(&widest, &Guide::new(&widest), 0.0);
         assert!((0.01..0.08).contains(&trial.blur) && trial.passes.is_infinite(), "{trial:?}");
     }
 }

@@ -36,18 +36,40 @@ const SMOOTH_ENOUGH: f64 = 0.1;
 /// Share of the goal that the blur of `photonmapper` may take, since passes do not take it away.
 const MOST_BLUR: f64 = 0.5;
 
-/// The picture as far as it is known, squared, for errors to be relative to: medians of those methods whose pictures take the
-/// least [smoothing](Pilot::smoothed).
-pub(super) fn guide(pilots: &[Pilot]) -> Vec<[f64; 3]> {
-    let smoothed: Vec<(u32, Image)> = pilots.iter().map(Pilot::smoothed).collect();
-    let least = smoothed.iter().map(|s| s.0).min().expect("there are candidates");
-    let images: Vec<Image> = smoothed.into_iter().filter(|s| s.0 == least).map(|s| s.1).collect();
-    let median = |i: usize, c: usize| {
-        let mut values: Vec<f32> = images.iter().map(|image| image.pixels()[i][c]).collect();
-        values.sort_unstable_by(f32::total_cmp);
-        values[values.len() / 2]
-    };
-    (0..images[0].pixels().len()).map(|i| [0, 1, 2].map(|c| square(median(i, c)))).collect()
+/// The picture as far as it is known, for errors to be relative to: what those methods have whose pictures take the least
+/// [smoothing](Pilot::smoothed).
+pub(super) struct Guide(Vec<Known>);
+
+struct Known {
+    method: &'static str,
+    image: Image,
+    /// Over more pixels, for the method itself: a bright sample hides in what it brightens.
+    around: Image,
+}
+
+impl Guide {
+    pub fn new(pilots: &[Pilot]) -> Self {
+        let smoothed: Vec<(u32, Image)> = pilots.iter().map(Pilot::smoothed).collect();
+        let least = smoothed.iter().map(|s| s.0).min().expect("there are candidates");
+        let known = pilots.iter().zip(smoothed).filter(|(_, s)| s.0 == least).map(|(pilot, (_, image))| Known {
+            method: pilot.method,
+            image,
+            around: smooth(&pilot.image, least.max(AROUND)),
+        });
+        Self(known.collect())
+    }
+
+    /// Squares of what errors of a method are relative to, the medians of what is known.
+    pub fn of(&self, method: &str) -> Vec<[f64; 3]> {
+        let images: Vec<&Image> =
+            self.0.iter().map(|k| if k.method == method { &k.around } else { &k.image }).collect();
+        let median = |i: usize, c: usize| {
+            let mut values: Vec<f32> = images.iter().map(|image| image.pixels()[i][c]).collect();
+            values.sort_unstable_by(f32::total_cmp);
+            values[values.len() / 2]
+        };
+        (0..images[0].pixels().len()).map(|i| [0, 1, 2].map(|c| square(median(i, c)))).collect()
+    }
 }
 
 /// What a squared error of a pixel is relative to.
@@ -125,7 +147,8 @@ impl Pilot {
 
     /// What this promises beside all, the widest last, with errors relative to `guide` and the noise that
     /// [rare light](super::Rare) adds to every camera sample.
-    pub fn against(&self, all: &[Self], guide: &[[f64; 3]], rare: f64) -> Trial {
+    pub fn against(&self, all: &[Self], guide: &Guide, rare: f64) -> Trial {
+        let guide = &guide.of(self.method)[..];
         let widest = all.last().expect("there are candidates");
         let mut noise = relative(&self.noise, guide.iter().copied());
         let factor = if self.common_factor { factor(&self.means, &widest.means) } else { 1.0 };
@@ -305,9 +328,9 @@ mod tests {
     fn rare_light_is_as_noisy_as_it_is() {
         for rarity in [2.0f32, 10.0, 50.0] {
             let pilots = [sparse("path", rarity, 1), sparse("sppm", 1.1, 2), sparse("vcm", rarity, 3)];
-            let guide = guide(&pilots);
+            let guide = Guide::new(&pilots);
             for (pilot, truth) in pilots.iter().zip([rarity - 1.0, 0.1, rarity - 1.0]) {
-                let told = relative(&pilot.noise, guide.iter().copied()) / f64::from(truth);
+                let told = relative(&pilot.noise, guide.of(pilot.method).into_iter()) / f64::from(truth);
                 assert!((0.8..1.3).contains(&told), "{} of {rarity}: {told} of the noise", pilot.method);
             }
         }

@@ -6,6 +6,7 @@ use super::super::optics::*;
 use super::super::probe::{Probe, load};
 use super::super::xml::*;
 use crate::accel::AccelKind;
+use crate::color::Rgb;
 use crate::gather::{AreaSettings, LookupSettings, PhotonMaps};
 use crate::geometry::{Ray, TriangleMesh};
 use crate::math::{DVec3, Vec3};
@@ -251,7 +252,7 @@ fn radiance_from_map(accel: AccelKind, bsdf: &str, degrees: f64, seed: u64) -> f
     maps.set_global(PhotonMap::build(shot.photons), &lookup, scene.bounding_sphere().1);
     let mut ray = Ray::new(scene.to_scene.point(0.5 * normal), -normal.as_vec3());
     let si = scene.intersect(&mut ray).expect("the floor is below");
-    maps.global_radiance(&si, &scene.bsdf(&si), &mut Counters::default()).radiance.g as f64
+    maps.global_radiance::<Rgb>(&si, &scene.bsdf(&si), &mut Counters::default()).radiance.g as f64
 }
 
 /// A floor whose shading normals lean by δ towards a wall, under a sun straight above. The floor sends
