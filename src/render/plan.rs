@@ -143,7 +143,7 @@ pub struct Plan {
     /// tell the bias of every pixel.
     pub bias_every: Option<u64>,
     /// The bias told is also that of precomputed irradiance and of what gather rays read; otherwise only of what camera paths read
-    /// themselves, which takes little longer than the pass alone.
+    /// themselves, which takes no second render.
     pub bias_of_irradiance: bool,
     /// The render ends when its own estimate of relMSE is below this.
     pub target_error: Option<f64>,

@@ -319,13 +319,17 @@ mod tests {
         assert!((0.8..1.25).contains(&(told.work / all.work)), "{told:?} {all:?}");
     }
 
+    fn ring(width: &str, height: &str) -> Scene {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/ring.xml");
+        let defines = [("width", width), ("height", height)].map(|(k, v)| (k.to_owned(), v.to_owned()));
+        let options = crate::scene::LoadOptions { defines: defines.into_iter().collect(), ..Default::default() };
+        Scene::load(&path, &options).unwrap_or_else(|e| panic!("{e}"))
+    }
+
     /// Where camera paths read the maps themselves, reading both radii at once is the same as doing one after the other.
     #[test]
     fn both_radii_are_read_at_once() {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/ring.xml");
-        let defines = [("width", "48"), ("height", "36")].map(|(k, v)| (k.to_owned(), v.to_owned()));
-        let options = crate::scene::LoadOptions { defines: defines.into_iter().collect(), ..Default::default() };
-        let scene = Scene::load(&path, &options).unwrap_or_else(|e| panic!("{e}"));
+        let scene = ring("48", "36");
         let integrator = Some("photonmapper".to_owned());
         let o =
             PlanOverrides { integrator, photons: Some(3000), track_error: true, seed: Some(3), ..Default::default() };
@@ -350,10 +354,7 @@ mod tests {
     /// The edges of the ring's caustic are blurred by as much as `photonmapper` with all photons ends with, 0.028 at 320 × 240.
     #[test]
     fn blur_that_stays_is_told() {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/ring.xml");
-        let defines = [("width", "128"), ("height", "96")].map(|(k, v)| (k.to_owned(), v.to_owned()));
-        let options = crate::scene::LoadOptions { defines: defines.into_iter().collect(), ..Default::default() };
-        let scene = Scene::load(&path, &options).unwrap_or_else(|e| panic!("{e}"));
+        let scene = ring("128", "96");
         let o = PlanOverrides { fresh_maps: true, seed: Some(3), ..Default::default() };
         let [mapper, vcm] = ["photonmapper", "vcm"].map(|name| {
             let o = PlanOverrides { integrator: Some(name.to_owned()), track_error: true, ..o.clone() };
