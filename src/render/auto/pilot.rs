@@ -288,7 +288,8 @@ mod tests {
     }
 
     /// Fewer photons in larger discs are as noisy as all of them in discs as they are, within what a few passes tell; and a pass
-    /// has the noise of its samples and of the photons that they share.
+    /// has the noise of its samples and of the photons that they share. Near the wall as many gather rays are short: 1.10 of the work
+    /// would be told by the discs of the pilot.
     #[test]
     fn a_share_of_the_photons_tells_the_noise_of_all() {
         let text = r#"<scene version="3.0.0"><sensor type="perspective">
@@ -296,6 +297,7 @@ mod tests {
             <sampler type="independent"><integer name="sample_count" value="16"/></sampler>
             <film type="hdrfilm"><integer name="width" value="64"/><integer name="height" value="64"/></film></sensor>
             <shape type="rectangle"><transform name="to_world"><scale value="4"/><rotate x="1" angle="-90"/></transform></shape>
+            <shape type="rectangle"><transform name="to_world"><scale value="4"/><translate z="-1"/></transform></shape>
             <shape type="sphere"><point name="center" x="0" y="1" z="0"/><bsdf type="dielectric"/></shape>
             <shape type="sphere"><point name="center" x="1" y="5" z="0"/><float name="radius" value="0.5"/>
                 <emitter type="area"><rgb name="radiance" value="20"/></emitter></shape></scene>"#;
@@ -316,7 +318,7 @@ mod tests {
         let guide = Guide::new(&pilots);
         let (told, all) = (told.against(&pilots, &guide, 0.0), pilots[0].against(&pilots, &guide, 0.0));
         assert!((0.6..1.7).contains(&(told.noise / all.noise)), "{told:?} {all:?}");
-        assert!((0.8..1.25).contains(&(told.work / all.work)), "{told:?} {all:?}");
+        assert!((0.95..1.05).contains(&(told.work / all.work)), "{told:?} {all:?}");
     }
 
     fn ring(width: &str, height: &str) -> Scene {
