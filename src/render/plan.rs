@@ -358,6 +358,7 @@ fn bidirectional(s: &IntegratorSettings, own: bool, method: VcmSettings) -> VcmS
         alpha: s.float("alpha").filter(|_| own).map_or(method.alpha, f64::from),
         initial_radius: s.float("initial_radius").filter(|_| own),
         radius_scale: s.float("radius_scale").filter(|_| own).unwrap_or(1.0),
+        light_paths: s.integer("light_paths").filter(|_| own).map(|n| n.clamp(1, i64::from(u32::MAX)) as u32),
         guided_emission: switch("guided_emission", true),
         correlation_aware: switch("correlation_aware", false),
         efficiency_aware: method.camera_paths && switch("efficiency_aware", false),

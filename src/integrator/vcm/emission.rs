@@ -7,7 +7,10 @@
 //! §6.2; Grittmann et al. 2018]. The density of a given path is looked up by the inverse maps, so that all weights are exact.
 //!
 //! Paths that reach what matters have more vertices, and those cost rays. The pilot compares noise times rays of a sample with
-//! and without guidance, and leaves it where that does not fall. Nothing here depends on the seed of the render.
+//! and without guidance, and leaves it where that does not fall.
+//!
+//! Where vertices are merged, a few paths of both kinds also tell how many light paths a camera path can afford. Nothing here
+//! depends on the seed of the render.
 
 use std::sync::Arc;
 
@@ -46,6 +49,10 @@ const CHUNK: u64 = 256;
 /// Cells of the film at most, and camera samples in each.
 const MOST_CELLS: u64 = 48 * 48;
 const SAMPLES: u64 = 2;
+
+/// Paths from both ends that tell what they cost, and light paths for each camera path at most.
+const COUNTED: u64 = 512;
+const MOST_PER_PIXEL: u64 = 4;
 
 /// Errors are relative to the picture, but where it is darker than this share of its mean.
 const DARK: f64 = 0.1;
@@ -152,6 +159,44 @@ pub struct Guidance {
     pub noise_times_rays: f64,
 }
 
+/// What the first pass learns of light paths.
+#[derive(Clone, Debug)]
+pub(super) struct Learnt {
+    /// Where they start, if that is guided.
+    pub emission: Option<Arc<Emission>>,
+    pub guidance: Option<Guidance>,
+    /// Of them for each camera path.
+    pub per_pixel: u32,
+}
+
+impl Learnt {
+    /// Learns the starts that matter to the light image of `recipe`, if there is something to guide and it pays, and how many
+    /// paths to start.
+    pub fn new(recipe: &Recipe) -> Self {
+        let tried = Emission::try_out(recipe);
+        let guidance = tried
+            .as_ref()
+            .map(|&(_, noise_times_rays)| Guidance { used: noise_times_rays < LEAST_GAIN, noise_times_rays });
+        let emission = tried.map(|t| t.0).filter(|_| guidance.is_some_and(|g| g.used));
+        let per_pixel = match (recipe.settings.light_paths, recipe.settings.merging) {
+            (_, Merging::Off) => 1,
+            (Some(n), _) => n,
+            (None, _) => affordable(recipe, emission.clone()),
+        };
+        Self { emission, guidance, per_pixel }
+    }
+}
+
+/// Light paths for each camera path that all together send out fewer rays than that: where light paths are short, as many of
+/// them leave the scene, more of them take more off the noise of merges and of the light image than they cost.
+fn affordable(recipe: &Recipe, emission: Option<Arc<Emission>>) -> u32 {
+    let unmerged = VcmSettings { merging: Merging::Off, correlation_aware: false, ..recipe.settings };
+    let mut recipe = Recipe::new(recipe.scene, &unmerged);
+    recipe.emission = emission;
+    let (camera, light) = Pilot::new(recipe, &[]).rays();
+    (camera / light.max(1)).clamp(1, MOST_PER_PIXEL) as u32
+}
+
 /// Densities of the starts of light paths, by light.
 #[derive(Debug)]
 pub(super) struct Emission {
@@ -179,15 +224,8 @@ impl Emission {
         starts.density(scene.lights[index].start_numbers(&scene.light_context(), p, n, w)) as f64
     }
 
-    /// Learns the starts that matter to the light image of `recipe`; `None` where guiding them would not pay, or nothing can
-    /// be guided.
-    pub fn learn(recipe: &Recipe) -> (Option<Arc<Self>>, Option<Guidance>) {
-        let Some((emission, noise_times_rays)) = Self::try_out(recipe) else { return (None, None) };
-        let guidance = Guidance { used: noise_times_rays < LEAST_GAIN, noise_times_rays };
-        (guidance.used.then_some(emission), Some(guidance))
-    }
-
-    /// What it would be, with its noise times rays over those without; `None` where there is nothing to guide.
+    /// Starts that matter to the light image of `recipe`, with the noise times rays over those without; `None` where there is
+    /// nothing to guide.
     pub(super) fn try_out(recipe: &Recipe) -> Option<(Arc<Self>, f64)> {
         let scene = recipe.scene;
         let used = recipe.settings.guided_emission && recipe.settings.light_image && recipe.traces_light();
@@ -299,6 +337,21 @@ impl<'s> Pilot<'s> {
             rays: found.iter().map(|f| f.2.camera_rays + f.2.shadow_rays + f.2.photon_rays).sum(),
             paths: found.into_iter().filter_map(|f| f.1).collect(),
         }
+    }
+
+    /// Rays that as many camera paths and light paths send out, those to the lens among the latter's.
+    fn rays(&self) -> (u64, u64) {
+        let cells = self.camera.len() as u64;
+        let count = cells.min(COUNTED);
+        let rays = |i: u64| {
+            let mut sink = LightSink::default();
+            let collect = Collect { vertices: false, bsdfs: false, splats: true };
+            self.path(self.sampler(i, 12), collect, &mut sink);
+            let light = sink.counters.photon_rays + sink.counters.shadow_rays;
+            self.look(i * cells / count, self.sampler(i, 13), &mut sink);
+            (sink.counters.camera_rays, light)
+        };
+        (0..count).map(rays).fold((0, 0), |(c, l), (camera, light)| (c + camera, l + light))
     }
 
     /// What a camera path finds in a cell, with the light path in `sink`.
@@ -432,7 +485,7 @@ mod tests {
             let guidance = workspace.guidance();
             assert_eq!(guidance.is_some(), asked);
             assert!(guidance.is_none_or(|g| g.used == (g.noise_times_rays < LEAST_GAIN) && g.noise_times_rays > 0.0));
-            assert_eq!(workspace.emission.flatten().is_some(), guidance.is_some_and(|g| g.used));
+            assert_eq!(workspace.learnt.unwrap().emission.is_some(), guidance.is_some_and(|g| g.used));
         }
     }
 }

@@ -1,14 +1,13 @@
 //! Passes: iterations of light paths, then camera paths, in fixed pieces whose results are joined in their order.
 
 use std::ops::Range;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
 use super::camera_path::{LightField, radiance};
 use super::correlation::Link;
-use super::emission::{Emission, Guidance};
+use super::emission::{Guidance, Learnt};
 use super::grid::{Grid, Photon};
 use super::light_path::{Collect, LightSink, LightVertex, trace};
 use super::{Merging, Recipe, VcmSettings};
@@ -22,7 +21,7 @@ use crate::tally::Counters;
 
 /// Takes the camera samples `samples` of every pixel, with as many light paths, and adds them to `film`; `workspace` is
 /// memory of earlier passes of the same scene and settings, or new: the first pass learns there where light paths should
-/// start.
+/// start and how many are worth their rays.
 ///
 /// Splats are estimates of the picture, one for each sample of a pixel: a film that holds `n` samples per pixel is
 /// developed with a splat scale of `1/n`. The merging radius depends on the number of the sample alone, counted from 0.
@@ -36,11 +35,7 @@ pub fn render_pass(
     progress: &(dyn Fn(f64) + Sync),
 ) -> Counters {
     let mut recipe = Recipe::new(scene, settings);
-    if workspace.emission.is_none() {
-        let (emission, guidance) = Emission::learn(&recipe);
-        (workspace.emission, workspace.guidance) = (Some(emission), guidance);
-    }
-    recipe.emission = workspace.emission.clone().flatten();
+    recipe.learn(workspace.learnt.get_or_insert_with(|| Learnt::new(&recipe)));
     let mut counters = Counters::default();
     let count = samples.end - samples.start;
     for (done, sample) in samples.enumerate() {
@@ -57,15 +52,14 @@ pub fn render_pass(
 pub struct Workspace {
     batches: Vec<Batch>,
     grid: Grid,
-    /// Learnt by the first pass from the scene and the settings.
-    pub(super) emission: Option<Option<Arc<Emission>>>,
-    guidance: Option<Guidance>,
+    /// By the first pass from the scene and the settings.
+    pub(super) learnt: Option<Learnt>,
 }
 
 impl Workspace {
     /// What the first pass found of guiding light paths, if there is something to guide.
     pub fn guidance(&self) -> Option<Guidance> {
-        self.guidance
+        self.learnt.as_ref()?.guidance
     }
 }
 
@@ -142,21 +136,22 @@ impl Iteration<'_, '_> {
     /// All light paths of the iteration, into `batches`.
     fn trace_batches(&self, eta: f64, batches: &mut Vec<Batch>) {
         let paths = self.recipe.light_paths;
-        let collect = Collect { vertices: self.recipe.connects(), bsdfs: false, splats: true };
         batches.resize_with(paths.div_ceil(PATHS_PER_BATCH) as usize, Batch::default);
         batches.par_iter_mut().enumerate().for_each(|(batch, out)| {
             let first = batch as u64 * PATHS_PER_BATCH;
             let range = first..(first + PATHS_PER_BATCH).min(paths);
-            accel::run(BatchWork { iteration: self, range, out, eta, collect });
+            accel::run(BatchWork { iteration: self, range, out, eta });
         });
     }
 
-    /// Light paths of a batch.
+    /// Light paths of a batch. The first of them belong to camera paths, which alone are connected to their vertices.
     #[inline(always)]
-    fn trace_batch(&self, range: Range<u64>, eta: f64, collect: Collect, out: &mut Batch) {
+    fn trace_batch(&self, range: Range<u64>, eta: f64, out: &mut Batch) {
         out.sink.clear();
         out.ends.clear();
+        let connected = if self.recipe.connects() { self.recipe.pixels() } else { 0 };
         for path in range {
+            let collect = Collect { vertices: path < connected, bsdfs: false, splats: true };
             trace(self.recipe, eta, self.light_sampler(path), collect, &mut out.sink);
             out.ends.push(out.sink.vertices.len() as u32);
         }
@@ -218,7 +213,6 @@ struct BatchWork<'a, 's> {
     range: Range<u64>,
     out: &'a mut Batch,
     eta: f64,
-    collect: Collect,
 }
 
 impl Task for BatchWork<'_, '_> {
@@ -226,7 +220,7 @@ impl Task for BatchWork<'_, '_> {
 
     #[inline(always)]
     fn run(self) {
-        self.iteration.trace_batch(self.range, self.eta, self.collect, self.out);
+        self.iteration.trace_batch(self.range, self.eta, self.out);
     }
 }
 

@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use super::emission::Emission;
+use super::emission::{Emission, Learnt};
 use super::radius::automatic_radius;
 use super::weights::Mis;
 use crate::bsdf::{LobeMask, may_have};
@@ -13,8 +13,8 @@ use crate::scene::Scene;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Merging {
     Off,
-    /// Where light arrives from a surface that can focus it: a vertex with mirror-like, sharp or see-through lobes. Other
-    /// merges are what connections do better.
+    /// Where light arrives from a surface that can focus it: a vertex with mirror-like, see-through or narrow lobes. Other merges
+    /// are what connections do better.
     Focused,
     /// At every diffuse or wide glossy vertex.
     All,
@@ -43,6 +43,9 @@ pub struct VcmSettings {
     pub initial_radius: Option<f32>,
     /// A radius that was fitted is multiplied by this.
     pub radius_scale: f32,
+    /// Light paths for each camera path, where vertices are merged; `None` fits them to what both cost, as
+    /// [`super::render_pass`] says.
+    pub light_paths: Option<u32>,
     /// A short pilot finds where light paths should start, and whether that is worth its rays; see [`super::render_pass`].
     pub guided_emission: bool,
     /// Counts merges for less where they share a camera path [Grittmann 2021].
@@ -66,6 +69,7 @@ impl Default for VcmSettings {
             alpha: 2.0 / 3.0,
             initial_radius: None,
             radius_scale: 1.0,
+            light_paths: None,
             guided_emission: true,
             correlation_aware: false,
             efficiency_aware: false,
@@ -112,7 +116,7 @@ pub struct Recipe<'s> {
     pub scene: &'s Scene,
     pub settings: VcmSettings,
     pub max_depth: u32,
-    /// Light paths of one iteration, one for each pixel.
+    /// Light paths of one iteration: one for each pixel, unless a pilot has found that more are worth their rays.
     pub light_paths: u64,
     /// Radius of the first pass, scene units.
     pub first_radius: f64,
@@ -137,7 +141,7 @@ impl<'s> Recipe<'s> {
             .iter()
             .map(|&id| SurfaceClass {
                 mergeable: may_have(&scene.materials, id, LobeMask::SMOOTH_WIDE),
-                focusing: may_have(&scene.materials, id, LobeMask::SPECULAR),
+                focusing: may_have(&scene.materials, id, LobeMask::SPECULAR | LobeMask::NARROW),
                 two_faced: scene.materials[id.0 as usize].is_composite(),
             })
             .collect();
@@ -163,6 +167,18 @@ impl<'s> Recipe<'s> {
             emission: None,
             classes,
         }
+    }
+
+    /// Takes what a pilot has found of light paths.
+    pub(super) fn learn(&mut self, learnt: &Learnt) {
+        self.emission.clone_from(&learnt.emission);
+        self.light_paths = self.pixels() * u64::from(learnt.per_pixel);
+    }
+
+    /// Camera paths of one iteration.
+    pub(super) fn pixels(&self) -> u64 {
+        let (w, h) = self.scene.camera.window().crop_size;
+        u64::from(w) * u64::from(h)
     }
 
     /// The same with other techniques.

@@ -87,6 +87,7 @@ const INTEGRATORS: &[(&str, Params)] = &[
             ("correlation_aware", Switch),
             ("efficiency_aware", Switch),
             ("guided_emission", Switch),
+            ("light_paths", Count),
             ("merge", Switch),
             ("merge_all", Switch),
         ],
