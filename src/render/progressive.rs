@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use super::pass::sightings;
+use super::pass::{render_films, sightings};
 use super::{ChainSummary, Control, Session, render_pass};
 use crate::film::Film;
-use crate::gather::{NARROW, RadiusMap};
+use crate::gather::RadiusMap;
 use crate::integrator::sppm::{
     KINDS, PILOT_PASS, PassMaps, PhotonSampling, Radii, SharedStatistics, Sighting, Sightings, Sppm, SppmSettings,
     radius_sq_ratio,
@@ -38,7 +38,7 @@ struct TargetEmission {
 
 impl Session<'_> {
     /// Shoots and balances the photons of one pass, then takes its camera samples. Where bias is tracked, returns what the
-    /// same samples see with [narrow](NARROW) radii.
+    /// same samples see with [narrow](crate::gather::NARROW) radii.
     pub(super) fn progressive_pass(
         &mut self,
         settings: &SppmSettings,
@@ -57,7 +57,6 @@ impl Session<'_> {
             maps: &nothing,
             radii: &kept.radii,
             shrink: radius_sq_ratio(self.next, settings.alpha) as f32,
-            read: 1.0,
             shared: kept.shared.as_ref().zip(found.as_ref()),
             visible_lights: scene.lights.iter().any(|l| !l.is_delta()),
         };
@@ -65,16 +64,10 @@ impl Session<'_> {
         let maps = self.pass_maps(settings, self.next, &kept.emitted, seen.as_deref(), control);
         recipe.maps = &maps;
         control.progress.phase("render");
-        let range = samples.clone();
-        let mut counters = self.summary.time("render", || render_pass(scene, &recipe, film, seed, range, report));
-        let narrow = self.plan.tells_bias(self.next).then(|| {
-            // Photons found in narrow discs do not count for the radii.
-            let uncounted = kept.shared.as_ref().map(SharedStatistics::begin);
-            let recipe = Sppm { read: NARROW, shared: kept.shared.as_ref().zip(uncounted.as_ref()), ..recipe };
-            let mut narrow = film.fresh();
-            let again = || render_pass(scene, &recipe, &mut narrow, seed, samples, &|_| {});
-            counters += self.summary.time("estimate bias", again);
-            narrow
+        let mut narrow = self.plan.tells_bias(self.next).then(|| film.fresh());
+        let counters = self.summary.time("render", || match &mut narrow {
+            Some(narrow) => render_films(scene, &recipe, [film, narrow], seed, samples, report),
+            None => render_pass(scene, &recipe, film, seed, samples, report),
         });
         if let (Some(shared), Some(found)) = (&mut kept.shared, &found) {
             shared.update(found, settings.alpha);
@@ -144,15 +137,8 @@ impl Session<'_> {
             ..*settings
         };
         let radii = Radii::measure(scene, &rough, &nothing, seed);
-        let recipe = Sppm {
-            settings: rough,
-            maps: &nothing,
-            radii: &radii,
-            shrink: 1.0,
-            read: 1.0,
-            shared: None,
-            visible_lights: true,
-        };
+        let recipe =
+            Sppm { settings: rough, maps: &nothing, radii: &radii, shrink: 1.0, shared: None, visible_lights: true };
         let seen = self.look_ahead(settings, &recipe, self.plan.samples_of(0), control)?;
         control.progress.phase("tune chains");
         for (how, target) in emitted.iter_mut().zip(settings.targets()) {

@@ -49,9 +49,9 @@ pub use sights::{Sighting, Sightings};
 
 use super::branches::LEAST;
 use super::lobe_walk::{LobeWalk, Sight};
-use super::{CameraSample, Integrator, MaxDepth};
+use super::{CameraSample, Integrator, MaxDepth, Outputs};
 use crate::color::Rgb;
-use crate::gather::{Bins, Lobes, Patch, RadiusMap, sample_direct, sample_lobe_light};
+use crate::gather::{Bins, Both, Lobes, NARROW, Patch, RadiusMap, Reading, sample_direct, sample_lobe_light};
 use crate::sample::{Sampler, Sequence};
 use crate::scene::Scene;
 use crate::shoot::{ShootSettings, Target, WalkSettings};
@@ -176,8 +176,6 @@ pub struct Sppm<'a> {
     pub radii: &'a Radii,
     /// Squared radius of this pass over that of the first, where radii follow the pass's number.
     pub shrink: f32,
-    /// Share of the squared radius to read; below 1 to see what narrower estimates would say.
-    pub read: f32,
     /// Otherwise the radii of this pass, and where to count the photons found.
     pub shared: Option<(&'a SharedStatistics, &'a FoundPhotons)>,
     /// Some light can be met by a ray.
@@ -186,13 +184,15 @@ pub struct Sppm<'a> {
 
 impl Integrator for Sppm<'_> {
     fn li(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> Rgb {
-        let pixel = self.radii.index(sample.pixel);
-        let mut first = self.settings.boundary_correction;
-        let walk = self.settings.walk();
-        walk.radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
-            let ends = std::mem::take(&mut first).then_some((scene, *sampler));
-            self.direct(scene, at, sampler, counters) + self.photons(pixel, at, ends, counters)
-        })
+        self.radiance(scene, sample, sampler, counters)
+    }
+}
+
+impl Outputs<2> for Sppm<'_> {
+    /// The radiance, and what it is where photons are read within [narrow](NARROW) discs; those are not counted.
+    fn see(&self, scene: &Scene, sample: &CameraSample, sampler: &mut Sampler, counters: &mut Counters) -> [Rgb; 2] {
+        let Both { own, narrow } = self.radiance(scene, sample, sampler, counters);
+        [own, narrow]
     }
 }
 
@@ -207,6 +207,25 @@ impl Integrator for LightsMet {
 }
 
 impl Sppm<'_> {
+    #[inline(always)]
+    fn radiance<T: Reading>(
+        &self,
+        scene: &Scene,
+        sample: &CameraSample,
+        sampler: &mut Sampler,
+        counters: &mut Counters,
+    ) -> T {
+        let pixel = self.radii.index(sample.pixel);
+        let mut first = self.settings.boundary_correction;
+        let walk = self.settings.walk();
+        walk.radiance(scene, &sample.camera_ray, sampler, counters, |at, sampler, counters| {
+            let ends = std::mem::take(&mut first).then_some((scene, *sampler));
+            let mut sum = T::from(self.direct(scene, at, sampler, counters));
+            sum += self.photons(pixel, at, ends, counters);
+            sum
+        })
+    }
+
     /// Squared radius within which a pixel is read in this pass, scene units.
     #[inline]
     fn radius_sq(&self, pixel: usize, kind: usize) -> f32 {
@@ -215,7 +234,7 @@ impl Sppm<'_> {
             None => radii.first_sq[kind] * self.shrink,
             Some((shared, _)) => shared.pixels[pixel][kind].radius_sq,
         };
-        r_sq.max(radii.floor_sq) * self.read
+        r_sq.max(radii.floor_sq)
     }
 
     /// Light that comes straight from a light, by one shadow ray and one ray that the lobes choose.
@@ -235,9 +254,15 @@ impl Sppm<'_> {
 
     /// Light that photons have brought; with `ends`, corrected where the surface ends.
     #[inline]
-    fn photons(&self, pixel: usize, at: &Sight, ends: Option<(&Scene, Sampler)>, counters: &mut Counters) -> Rgb {
+    fn photons<T: Reading>(
+        &self,
+        pixel: usize,
+        at: &Sight,
+        ends: Option<(&Scene, Sampler)>,
+        counters: &mut Counters,
+    ) -> T {
         let &Sight { si, bsdf, .. } = at;
-        let mut sum = Rgb::BLACK;
+        let mut sum = T::default();
         for kind in 0..KINDS {
             let Some(map) = self.maps.kind(kind) else { continue };
             // What surfaces scatter widely is left to the path where it goes on.
@@ -252,17 +277,25 @@ impl Sppm<'_> {
                 }
                 _ => map.estimate(si, (bsdf, lobes), r_sq, counters),
             };
-            if let Some((scene, sampler)) = &ends
-                && estimate.count > 0
-                && let clearing = self.radii.clearing(pixel)
-                && !clearing.holds(si.p, r_sq.sqrt())
+            let share = |r_sq: f32, counters: &mut Counters| {
+                let (scene, sampler) = ends.as_ref()?;
+                let clearing = self.radii.clearing(pixel);
+                let cut = !clearing.holds(si.p, r_sq.sqrt());
+                cut.then(|| Patch::new(scene, si, clearing.solids).share(map.kernel(), r_sq, sampler, counters))
+            };
+            if estimate.count > 0
+                && let Some(share) = share(r_sq, counters)
             {
-                let share = Patch::new(scene, si, clearing.solids).share(map.kernel(), r_sq, sampler, counters);
                 estimate.radiance = estimate.radiance / share;
                 // Photons that lie on a part of the disc are uneven, and say nothing about the light.
                 bins = None;
             }
-            sum += estimate.radiance;
+            sum += T::of(estimate.radiance, || {
+                let (r_sq, mut uncounted) = (NARROW * r_sq, Counters::default());
+                let estimate = map.estimate(si, (bsdf, lobes), r_sq, &mut uncounted);
+                let share = if estimate.count > 0 { share(r_sq, &mut uncounted) } else { None };
+                estimate.radiance / share.unwrap_or(1.0)
+            });
             match (self.shared, &bins) {
                 (Some((_, found)), Some(bins)) => found.add_bins(pixel, kind, bins),
                 (Some((_, found)), None) => found.add(pixel, kind, estimate.count),

@@ -263,7 +263,6 @@ fn work(c: &Counters, method: &Method) -> [f64; 2] {
     // A photon's ray is 0.57 to 1.38 in nineteen scenes (half below 0.81), a look-up 0.5 to 2.3 in eight, shading included.
     let (photons, seen) = (c.photon_rays as f64, seen(c));
     match method {
-        Method::Sppm(_) => [photons, 0.5 * seen],
         Method::Vcm(v) if v.merging != Merging::Off => [0.5 * photons, 0.5 * seen],
         _ => [photons, seen],
     }
