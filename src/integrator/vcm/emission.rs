@@ -473,6 +473,22 @@ mod tests {
     use super::*;
     use crate::film::Film;
 
+    /// Light that leaves an open scene costs less than camera paths that go through glass; in a closed box it costs as much.
+    #[test]
+    fn light_paths_are_as_many_as_camera_paths_can_afford() {
+        let per_pixel = |name: &str, settings: VcmSettings| {
+            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
+            let scene = Scene::load(&path, &crate::scene::LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+            Learnt::new(&Recipe::new(&scene, &settings)).per_pixel
+        };
+        let vcm = VcmSettings::default();
+        assert_eq!((per_pixel("gallery/glass-sphere.xml", vcm), per_pixel("cornell-spheres.xml", vcm)), (2, 1));
+        let asked = VcmSettings { light_paths: Some(3), ..vcm };
+        assert_eq!(per_pixel("cornell-spheres.xml", asked), 3);
+        let unmerged = VcmSettings { merging: Merging::Off, ..asked };
+        assert_eq!(per_pixel("cornell-spheres.xml", unmerged), 1);
+    }
+
     /// A render tells what its pilot found, and has none where it is not asked for.
     #[test]
     fn guidance_is_told() {

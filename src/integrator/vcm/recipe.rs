@@ -237,3 +237,26 @@ impl<'s> Recipe<'s> {
         self.classes[si.shape as usize].two_faced
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::LoadOptions;
+
+    /// What a narrow lobe throws on a wall, connections find with much noise; there is nothing to merge where lobes are wide.
+    #[test]
+    fn light_from_narrow_lobes_is_merged() {
+        let merging = |alpha: &str| {
+            let text = format!(
+                r#"<scene version="3.0.0"><sensor type="perspective"/>
+                <shape type="rectangle"><bsdf type="roughconductor"><float name="alpha" value="{alpha}"/></bsdf></shape>
+                <shape type="rectangle"><bsdf type="diffuse"/></shape>
+                <shape type="sphere"><emitter type="area"/></shape></scene>"#
+            );
+            let scene = Scene::from_text(&text, std::path::Path::new("test.xml"), &LoadOptions::default());
+            Recipe::new(&scene.unwrap_or_else(|e| panic!("{e}")), &VcmSettings::default()).settings.merging
+        };
+        assert_eq!((merging("0.05"), merging("0.3")), (Merging::Focused, Merging::Focused));
+        assert_eq!(merging("0.5"), Merging::Off);
+    }
+}
