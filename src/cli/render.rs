@@ -254,6 +254,9 @@ fn print_summary(scene: &Scene, s: &Summary, seconds: f64, loaded: f64, outputs:
             g.noise_times_rays
         ));
     }
+    if let Some(n) = s.light_paths_per_sample.filter(|&n| n > 1) {
+        print(&format!("light paths        {n} for each camera path"));
+    }
     print(&format!(
         "memory             {} geometry, {} ray queries, {} photons",
         bytes(scene.geometry.memory()),

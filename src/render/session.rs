@@ -107,6 +107,7 @@ impl<'s> Session<'s> {
                 let mut counters =
                     self.summary.time("render", || vcm::render_pass(scene, &v, seed, range, &mut film, work, &report));
                 self.summary.light_paths = work.guidance();
+                self.summary.light_paths_per_sample = work.light_paths_per_sample();
                 if tell_bias && v.merging != Merging::Off {
                     let (v, mut narrow) = (v.with_radius_scaled(NARROW.sqrt()), film.fresh());
                     let again = || vcm::render_pass(scene, &v, seed, samples, &mut narrow, work, &|_| {});

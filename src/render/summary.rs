@@ -92,6 +92,8 @@ pub struct Summary {
     pub clamp: Option<ClampSummary>,
     /// Only of the bidirectional methods, where a light can be guided.
     pub light_paths: Option<Guidance>,
+    /// Light paths for each camera path, only of the bidirectional methods.
+    pub light_paths_per_sample: Option<u32>,
     /// The render's own estimate of its relMSE, where the plan tracks the error.
     pub estimated_relmse: Option<f64>,
 }

@@ -19,7 +19,7 @@ use crate::scene::Scene;
 use crate::shoot::PATHS_PER_BATCH;
 use crate::tally::Counters;
 
-/// Takes the camera samples `samples` of every pixel, with as many light paths, and adds them to `film`; `workspace` is
+/// Takes the camera samples `samples` of every pixel, with as many light paths or more, and adds them to `film`; `workspace` is
 /// memory of earlier passes of the same scene and settings, or new: the first pass learns there where light paths should
 /// start and how many are worth their rays.
 ///
@@ -60,6 +60,11 @@ impl Workspace {
     /// What the first pass found of guiding light paths, if there is something to guide.
     pub fn guidance(&self) -> Option<Guidance> {
         self.learnt.as_ref()?.guidance
+    }
+
+    /// Light paths for each camera path.
+    pub fn light_paths_per_sample(&self) -> Option<u32> {
+        self.learnt.as_ref().map(|l| l.per_pixel)
     }
 }
 

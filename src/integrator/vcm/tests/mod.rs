@@ -677,7 +677,7 @@ fn guided_and_more_light_paths_keep_the_mean() {
                 let mut film = Film::new(scene.camera.window(), scene.film.filter);
                 let mut workspace = Workspace::default();
                 workspace.learnt = Some(learnt.clone());
-                render_pass(&scene, &settings, seed, 0..32, &mut film, &mut workspace, &|_| ());
+                render_pass(&scene, settings, seed, 0..32, &mut film, &mut workspace, &|_| ());
                 let image = film.develop(1.0 / 32.0);
                 let pixels = (0..256).map(|i| image.pixel(i % 16, i / 16).mean() as f64);
                 pixels.sum::<f64>() / 256.0
