@@ -352,6 +352,38 @@ mod tests {
         }
     }
 
+    /// What `sppm` reads within narrow discs beside its own is what it sees where its own discs are as narrow.
+    #[test]
+    fn narrow_discs_are_what_a_narrow_radius_sees() {
+        let scene = ring("48", "36");
+        let o = PlanOverrides {
+            integrator: Some("sppm".to_owned()),
+            photons: Some(3000),
+            track_error: true,
+            seed: Some(3),
+            ..Default::default()
+        };
+        let plan = Plan { passes: 0..1, bias_every: Some(1), ..Plan::new(&scene, &o).expect("a plan") };
+        let [wide, narrow] = [0.2, 0.2 * NARROW.sqrt()].map(|radius| {
+            let mut plan = plan.clone();
+            let Method::Sppm(s) = &mut plan.method else { panic!("{plan:?}") };
+            (s.initial_radius, s.boundary_correction) = (Some(radius), false);
+            let stop = AtomicBool::new(false);
+            let mut session = Session::new(&scene, &plan);
+            session.step(&Control { stop: &stop, time: None, started: Instant::now(), progress: &Silent });
+            (session.image(), session.doubt().and_then(Doubt::bias).expect("it is told"))
+        });
+        let mut largest = 0.0f32;
+        for ((own, bias), expected) in wide.0.pixels().iter().zip(&wide.1).zip(narrow.0.pixels()) {
+            for c in 0..3 {
+                let read = own[c] - bias[c] / EXTRAPOLATE;
+                assert!((read - expected[c]).abs() <= 1e-5 * own[c].max(1.0), "{own:?} {bias:?} {expected:?}");
+                largest = largest.max((own[c] - expected[c]).abs());
+            }
+        }
+        assert!(largest > 0.01, "{largest}");
+    }
+
     /// The edges of the ring's caustic are blurred by as much as `photonmapper` with all photons ends with, 0.028 at 320 × 240.
     #[test]
     fn blur_that_stays_is_told() {
