@@ -249,13 +249,17 @@ impl Flat {
     /// volumes of a hit are below 5 ε D A.
     #[inline(always)]
     pub fn prepare(&self, ray: &Ray) -> Option<FlatRay> {
-        let (o, d) = (ray.o, ray.d);
+        let (ray, fits) = self.measure(ray.o, ray.d);
+        fits.then_some(ray)
+    }
+
+    /// [`Flat::prepare`] without a branch: whether it is a ray of which enough is known.
+    #[inline(always)]
+    pub fn measure(&self, o: Vec3, d: Vec3) -> (FlatRay, bool) {
         let (reach, size) = (o.abs().max_element(), d.abs().max_element());
-        if !(reach <= FARTHEST * self.size && SIZES.contains(&size)) {
-            return None;
-        }
+        let fits = (reach <= FARTHEST * self.size) & SIZES.contains(&size);
         let error = size * (self.volume_error + reach * self.origin_error);
-        Some(FlatRay { o: o.to_array(), d: d.to_array(), m: o.cross(d).to_array(), reach, size, error })
+        (FlatRay { o: o.to_array(), d: d.to_array(), m: o.cross(d).to_array(), reach, size, error }, fits)
     }
 }
 

@@ -30,14 +30,12 @@ pub(super) fn intersect_all<'a>(
 ) {
     for hits in hits.chunks_mut(RAYS) {
         let mut wave = Wave::NONE;
-        for (lane, ray) in rays.by_ref().take(hits.len()).enumerate() {
-            if !is_traceable(ray) {
-                hits[lane] = None;
-            } else if !wave.set(lane, ray, flat) {
-                hits[lane] = traverse::intersect(bvh, ray);
-            }
+        let mut len = 0;
+        for ray in rays.by_ref().take(hits.len()) {
+            wave.set(len, ray);
+            len += 1;
         }
-        simd::run(Search { bvh, flat, wave: &mut wave, hits });
+        simd::run(Search { bvh, flat, wave: &mut wave, hits: &mut hits[..len] });
     }
 }
 
@@ -52,8 +50,9 @@ pub(super) struct Wave {
     pub size: Row,
     pub error: Row,
     pub tmax: Row,
-    /// 1 for rays that are searched here.
+    /// 1 for rays that are searched here, and for those that are searched alone.
     here: Words,
+    alone: Words,
     /// The nearest hit: `t` is `tmax` where there is none.
     t: Row,
     u: Row,
@@ -91,6 +90,7 @@ impl Wave {
         error: [f32::NAN; RAYS],
         tmax: [0.0; RAYS],
         here: [0; RAYS],
+        alone: [0; RAYS],
         t: [0.0; RAYS],
         u: [0.0; RAYS],
         v: [0.0; RAYS],
@@ -99,16 +99,29 @@ impl Wave {
         prim: [0; RAYS],
     };
 
-    /// False for a ray that starts or reaches too far for what is known of errors.
+    /// Takes a ray.
     #[inline(always)]
-    fn set(&mut self, lane: usize, ray: &Ray, flat: &Flat) -> bool {
-        let Some(FlatRay { o, d, m, reach, size, error }) = flat.prepare(ray) else { return false };
+    fn set(&mut self, lane: usize, ray: &Ray) {
         for axis in 0..3 {
-            (self.o[axis][lane], self.d[axis][lane], self.m[axis][lane]) = (o[axis], d[axis], m[axis]);
+            (self.o[axis][lane], self.d[axis][lane]) = (ray.o[axis], ray.d[axis]);
         }
-        (self.reach[lane], self.size[lane], self.error[lane]) = (reach, size, error);
-        (self.tmax[lane], self.t[lane], self.here[lane]) = (ray.tmax, ray.tmax, 1);
-        true
+        (self.tmax[lane], self.here[lane]) = (ray.tmax, 1);
+    }
+
+    /// Finds out what the search has to know of all rays. Those that start or reach too far for what is known of errors are
+    /// left to be searched alone.
+    #[inline(always)]
+    fn prepare(&mut self, flat: &Flat) {
+        for j in 0..RAYS {
+            let (o, d) = self.vectors(j);
+            let traceable = (self.here[j] != 0) & is_traceable(&Ray::segment(o, d, self.tmax[j]));
+            let (FlatRay { m, reach, size, error, .. }, fits) = flat.measure(o, d);
+            let here = traceable & fits;
+            (self.m[0][j], self.m[1][j], self.m[2][j]) = (m[0], m[1], m[2]);
+            (self.reach[j], self.size[j], self.error[j]) = (reach, size, if here { error } else { f32::NAN });
+            (self.here[j], self.alone[j]) = (here as u32, (traceable & !fits) as u32);
+            self.t[j] = if here { self.tmax[j] } else { 0.0 };
+        }
     }
 
     #[inline(always)]
@@ -144,10 +157,11 @@ impl Task for Search<'_> {
     #[inline(always)]
     fn run(self) {
         let Self { bvh, flat, wave, hits } = self;
+        wave.prepare(flat);
         if flat.triangles > 0 {
             let mut c = Candidates { bits: [[0; RAYS]; 2], least: [f32::INFINITY; RAYS], most: [0.0; RAYS] };
             for lane in 0..RAYS {
-                c.most[lane] = wave.tmax[lane] * (1.0 + ROOM);
+                c.most[lane] = wave.t[lane] * (1.0 + ROOM);
             }
             simd::meet_triangles(bvh.isa, wave, &mut c, flat);
             decide(wave, &c, flat);
@@ -155,8 +169,14 @@ impl Task for Search<'_> {
         for &child in &flat.singles {
             meet_quadric(bvh, &bvh.top, wave, child);
         }
-        for (lane, hit) in hits.iter_mut().enumerate().filter(|&(lane, _)| wave.here[lane] != 0) {
-            *hit = (wave.t[lane] < wave.tmax[lane]).then(|| Hit {
+        for (lane, hit) in hits.iter_mut().enumerate() {
+            if wave.alone[lane] != 0 {
+                let (o, d) = wave.vectors(lane);
+                *hit = traverse::intersect(bvh, &Ray::segment(o, d, wave.tmax[lane]));
+                continue;
+            }
+            let met = (wave.here[lane] != 0) & (wave.t[lane] < wave.tmax[lane]);
+            *hit = met.then(|| Hit {
                 t: wave.t[lane],
                 u: wave.u[lane],
                 v: wave.v[lane],
