@@ -156,12 +156,19 @@ struct Departures {
 
 /// Sums of each lane, apart from each other.
 #[derive(Debug)]
-struct Sums([[f64; WAVE]; 3]);
+pub(super) struct Sums<const N: usize>([[f64; N]; 3]);
 
-impl Sums {
-    const ZERO: Self = Self([[0.0; WAVE]; 3]);
+impl<const N: usize> Sums<N> {
+    pub const ZERO: Self = Self([[0.0; N]; 3]);
 
-    fn add_to(&self, total: &mut [f64; 3]) {
+    #[inline(always)]
+    pub fn add(&mut self, i: usize, power: Rgb) {
+        for (lanes, p) in self.0.iter_mut().zip(power.to_array()) {
+            lanes[i] += p as f64;
+        }
+    }
+
+    pub fn add_to(&self, total: &mut [f64; 3]) {
         for (t, lanes) in total.iter_mut().zip(&self.0) {
             *t += lanes.iter().sum::<f64>();
         }
@@ -215,8 +222,8 @@ pub(super) struct Lanes {
     arrivals: Arrivals,
     packed: Packed,
     departures: Departures,
-    absorbed: Sums,
-    roulette: Sums,
+    absorbed: Sums<WAVE>,
+    roulette: Sums<WAVE>,
 }
 
 impl Lanes {
@@ -372,11 +379,15 @@ impl Task for Step<'_> {
         }
         if faces.any {
             // Without conditions; what has not met a face is put back afterwards.
-            let others: ArrayVec<_, WAVE> = (0..*len).filter(|&i| faces.side[i] == 0.0).collect();
-            let kept: ArrayVec<_, WAVE> = others.iter().map(|&i| arrivals.surface(i)).collect();
+            let mut kept = ArrayVec::<_, WAVE>::new();
+            for i in (0..*len).filter(|&i| faces.side[i] == 0.0) {
+                kept.push((i, arrivals.surface(i)));
+            }
             find_normals(faces, arrivals, *len, lanes);
             meet(faces, arrivals, lanes);
-            others.into_iter().zip(kept).for_each(|(i, surface)| arrivals.set_surface(i, surface));
+            for &(i, surface) in &kept {
+                arrivals.set_surface(i, surface);
+            }
         }
         draw(arrivals, lanes);
         pack(arrivals, packed, lanes);
@@ -488,7 +499,7 @@ fn scatter(a: &Arrivals, out: &mut Departures, rr_depth: u32, lanes: usize) {
 
 /// Adds `before − after`, subtracted in f64.
 #[inline(always)]
-fn add_losses(sums: &mut Sums, before: &Triples, after: &Triples, lanes: usize) {
+fn add_losses(sums: &mut Sums<WAVE>, before: &Triples, after: &Triples, lanes: usize) {
     let channels = [(&before.x, &after.x), (&before.y, &after.y), (&before.z, &after.z)];
     for (sum, (before, after)) in sums.0.iter_mut().zip(channels) {
         for ((s, b), a) in sum[..lanes].iter_mut().zip(&before[..lanes]).zip(&after[..lanes]) {

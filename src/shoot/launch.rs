@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
-use super::Guide;
+use super::lanes::Sums;
+use super::{AimCounts, Deposit, Guide};
 use crate::color::Rgb;
 use crate::light::{STARTS, StartNumbers, Starts};
-use crate::math::{Vec2, Vec3};
+use crate::math::{Bounds3, Vec2, Vec3};
 use crate::sample::{Key, Sampler, Sequence};
 use crate::scene::Scene;
 
@@ -15,11 +16,13 @@ const NONE: u32 = u32::MAX;
 /// Paths of one light from which on they are done together.
 const FEW: u32 = 4;
 
-/// A path that may start: its number, its light, its ray and its flux, which is black where nothing is emitted.
+/// By how much of the largest distance from the origin a ray must miss a box to be given up.
+const MISS: f32 = 1e-5;
+
+/// A path that starts: its number, its ray and its flux.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Departure {
     pub index: u64,
-    pub light: Option<usize>,
     pub o: Vec3,
     pub d: Vec3,
     pub flux: Rgb,
@@ -30,53 +33,78 @@ pub(super) struct Departure {
 pub(super) struct Launch {
     /// Paths that are not prepared yet.
     waiting: Range<u64>,
-    /// Number of the first path prepared, how many are, and how many of them are gone.
+    /// Number of the first path prepared, and which of them are still to start, a bit each.
     first: u64,
-    len: usize,
-    gone: usize,
+    left: u32,
     light: [u32; STARTS],
     starts: Starts,
+    // What became of all that were prepared.
+    emitted: Sums<STARTS>,
+    escaped: Sums<STARTS>,
+    /// Those whose ray passes by all there is.
+    passed_by: u64,
+    rejected: u64,
+    aimed: AimCounts,
 }
 
 impl Launch {
     pub fn new(paths: Range<u64>) -> Self {
-        Self { first: paths.start, waiting: paths, len: 0, gone: 0, light: [NONE; STARTS], starts: Starts::ZERO }
+        Self {
+            first: paths.start,
+            waiting: paths,
+            left: 0,
+            light: [NONE; STARTS],
+            starts: Starts::ZERO,
+            emitted: Sums::ZERO,
+            escaped: Sums::ZERO,
+            passed_by: 0,
+            rejected: 0,
+            aimed: AimCounts::default(),
+        }
     }
 
-    /// The next path, of a shoot of `1/inv_emitted`.
+    /// The next path, of a shoot of `1/inv_emitted`, that carries light and may meet something.
     #[inline(always)]
     pub fn next(
         &mut self,
         scene: &Scene,
         guide: Option<&Guide>,
-        (sequence, key): (Sequence, Key),
+        stream: (Sequence, Key),
         inv_emitted: f32,
     ) -> Option<Departure> {
-        if self.gone == self.len {
-            (self.first, self.gone) = (self.waiting.start, 0);
-            self.len = (self.waiting.end - self.first).min(STARTS as u64) as usize;
-            self.waiting.start += self.len as u64;
-            if self.len == 0 {
+        while self.left == 0 {
+            if self.waiting.is_empty() {
                 return None;
             }
-            self.prepare(scene, guide, (sequence, key), inv_emitted);
+            self.prepare(scene, guide, stream, inv_emitted);
         }
-        let i = self.gone;
-        self.gone += 1;
-        let (o, d, flux) = self.starts.get(i);
-        let light = (self.light[i] != NONE).then_some(self.light[i] as usize);
-        Some(Departure { index: self.first + i as u64, light, o, d, flux })
+        let i = self.left.trailing_zeros();
+        self.left &= self.left - 1;
+        let (o, d, flux) = self.starts.get(i as usize);
+        Some(Departure { index: self.first + i as u64, o, d, flux })
+    }
+
+    /// Tells what became of the paths that were prepared, but for those that [`Launch::next`] gave out.
+    pub fn add_to(self, deposit: &mut Deposit) {
+        self.emitted.add_to(&mut deposit.balance.emitted);
+        self.escaped.add_to(&mut deposit.balance.escaped);
+        deposit.counters.photon_rays += self.passed_by;
+        deposit.rejected += self.rejected;
+        deposit.aimed += &self.aimed;
     }
 
     #[inline(always)]
     fn prepare(&mut self, scene: &Scene, guide: Option<&Guide>, (sequence, key): (Sequence, Key), inv_emitted: f32) {
+        self.first = self.waiting.start;
+        let len = (self.waiting.end - self.first).min(STARTS as u64) as usize;
+        self.waiting.start += len as u64;
         let mut u = [[0.0; STARTS]; 5];
         Sampler::first_of_many(sequence, key, self.first, &mut u);
         let mut numbers = StartNumbers { pos: [u[1], u[2]], dir: [u[3], u[4]] };
         let mut pdf = [1.0; STARTS];
         // Choose the lights.
         self.light = [NONE; STARTS];
-        for i in 0..self.len {
+        for i in 0..len {
             if let Some(guide) = guide {
                 let (pos, dir) = numbers.get(i);
                 if let Some(start) = guide.start(u[0][i], pos, dir) {
@@ -86,19 +114,35 @@ impl Launch {
             } else if let Some((light, p)) = scene.photon_selector.sample(u[0][i]) {
                 (self.light[i], pdf[i]) = (light as u32, p);
             }
+            if self.light[i] != NONE {
+                self.aimed.add_path(&scene.photon_aims, self.light[i] as usize);
+            }
         }
         self.start(scene, &numbers);
-        for (i, pdf) in pdf.into_iter().enumerate() {
+        // Account for all of them; those that need no ray query end here.
+        let (mut left, mut rejected, mut passed_by) = ([0; STARTS], [0; STARTS], [0; STARTS]);
+        for i in 0..STARTS {
             let (o, d, weight) = self.starts.get(i);
-            self.starts.set(i, (o, d, weight * (inv_emitted / pdf)));
+            let flux = weight * (inv_emitted / pdf[i]);
+            self.starts.set(i, (o, d, flux));
+            let carries = (self.light[i] != NONE) & !flux.is_black();
+            let starts = carries & flux.is_finite();
+            let misses = starts & passes_by(&scene.bounds, o, d);
+            (rejected[i], passed_by[i]) = ((carries & !starts) as u32, misses as u32);
+            left[i] = ((starts & !misses) as u32) << i;
+            self.emitted.add(i, if starts { flux } else { Rgb::BLACK });
+            self.escaped.add(i, if misses { flux } else { Rgb::BLACK });
         }
+        self.left = left.iter().sum();
+        self.rejected += rejected.iter().sum::<u32>() as u64;
+        self.passed_by += passed_by.iter().sum::<u32>() as u64;
     }
 
     /// Starts the paths of one light after the other, those of each together.
     #[inline(always)]
     fn start(&mut self, scene: &Scene, numbers: &StartNumbers) {
         let ctx = scene.light_context();
-        let all: u32 = (0..self.len).filter(|&i| self.light[i] != NONE).map(|i| 1 << i).sum();
+        let all: u32 = (0..STARTS).filter(|&i| self.light[i] != NONE).map(|i| 1 << i).sum();
         let mut left = all;
         self.starts = Starts::ZERO;
         while left != 0 {
@@ -136,6 +180,16 @@ impl Launch {
     }
 }
 
+/// Whether the ray from `o` along `d` surely misses the box, by more than rounding: lights at infinity start on a disc as
+/// wide as the sphere around the scene, and of what they emit over a flat one most does.
+#[inline(always)]
+fn passes_by(bounds: &Bounds3, o: Vec3, d: Vec3) -> bool {
+    let reach = o.abs().max(bounds.min.abs()).max(bounds.max.abs());
+    let margin = MISS * reach.max_element();
+    let (a, b) = ((bounds.min - margin - o) / d, (bounds.max + margin - o) / d);
+    a.min(b).max_element() > a.max(b).min_element().max(0.0)
+}
+
 /// The places of the bits that are set, in ascending order.
 fn lanes(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -143,4 +197,32 @@ fn lanes(mut bits: u32) -> impl Iterator<Item = usize> {
         bits &= bits - 1;
         Some(i)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Purpose, warp};
+
+    /// Rays that are aimed at points of a box, most of them at its faces, edges and corners, or that run along one of its faces.
+    #[test]
+    fn no_ray_that_meets_the_box_is_given_up() {
+        let given_up = |scale: f32, flat: bool, wide: f32| {
+            let extent = Vec3::new(3.0, if flat { 0.0 } else { 0.5 }, 2.0) * scale;
+            let bounds = Bounds3 { min: -extent, max: extent };
+            let passes = (0..20_000).filter(|&i| {
+                let mut s = Sampler::new(Sequence::Independent, Key::new(3, Purpose::Test, 0), i);
+                let mut side = || [-1.0, 0.3, 1.0][(3.0 * s.next_1d()) as usize];
+                let target = wide * extent * Vec3::new(side(), side(), side());
+                let o = 9.0 * scale * warp::uniform_sphere(s.next_2d());
+                let o = if i % 5 == 0 { o.with_y(target.y) } else { o };
+                passes_by(&bounds, o, (target - o).normalize())
+            });
+            passes.count()
+        };
+        for (scale, flat) in [(1.0, false), (1.0, true), (1e-3, false), (700.0, true)] {
+            assert_eq!(given_up(scale, flat, 1.0), 0, "scale {scale}");
+            assert!(given_up(scale, flat, 1.5) > 2_000, "scale {scale}");
+        }
+    }
 }

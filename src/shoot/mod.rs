@@ -4,6 +4,7 @@ mod aimed;
 mod balance;
 mod chain;
 mod guide;
+mod join;
 mod lanes;
 mod launch;
 #[cfg(test)]
@@ -18,10 +19,11 @@ pub use visible::{Chains, shoot_visible, tune};
 pub use walk::{Deposit, MANY_EDGES, Start, Target, WalkSettings, survival};
 
 use std::ops::AddAssign;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::prelude::*;
 
+use self::join::{Batch, Join};
 use crate::bsdf::LobeMask;
 use crate::photon::Photon;
 use crate::sample::{Key, Purpose};
@@ -74,14 +76,6 @@ pub struct Shot {
     pub aimed: AimCounts,
 }
 
-impl From<Deposit> for Shot {
-    /// One batch of a shoot; `emitted` is for all batches to say together.
-    fn from(d: Deposit) -> Self {
-        let Deposit { photons, balance, rejected, counters, aimed, .. } = d;
-        Self { photons, emitted: 0, balance, rejected, counters, aimed }
-    }
-}
-
 impl AddAssign for Shot {
     /// Joins what comes behind.
     fn add_assign(&mut self, other: Self) {
@@ -110,21 +104,21 @@ pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emission: &Emission)
     }
     let key = Key::new(settings.seed, settings.target.purpose(), settings.pass);
     let batches = emitted.div_ceil(PATHS_PER_BATCH);
-    let deposits: Vec<Deposit> = (0..batches)
-        .into_par_iter()
-        .map(|batch| {
-            let first = batch * PATHS_PER_BATCH;
-            let last = (first + PATHS_PER_BATCH).min(emitted);
-            let mut deposit = Deposit::new(settings.target, settings.walk, emitted);
-            deposit.trace_all(scene, guide, key, first..last);
-            deposit
-        })
-        .collect();
-    // Join the batches in emission order.
-    let mut shot = Shot { emitted, ..Shot::default() };
-    shot.photons.reserve_exact(deposits.iter().map(|d| d.photons.len()).sum());
-    deposits.into_iter().for_each(|deposit| shot += Shot::from(deposit));
-    shot
+    let join = Mutex::new(Join::new(batches));
+    let joining = || join.lock().unwrap_or_else(PoisonError::into_inner);
+    // Handed out in order, so that few wait for those before them.
+    (0..batches).par_bridge().for_each(|number| {
+        let spare = joining().spare();
+        let new = || Batch { deposit: Deposit::new(settings.target, settings.walk, emitted), order: Vec::new() };
+        let mut batch = spare.unwrap_or_else(new);
+        let first = number * PATHS_PER_BATCH;
+        let last = (first + PATHS_PER_BATCH).min(emitted);
+        batch.deposit.photons.clear();
+        batch.order = batch.deposit.trace_unordered(scene, guide, key, first..last);
+        joining().put(number, batch);
+    });
+    let join = join.into_inner().unwrap_or_else(PoisonError::into_inner);
+    Shot { emitted, ..join.finish() }
 }
 
 /// Learns where to aim, if `settings` say so, and how many paths are expected to store `settings.photons` photons.
@@ -147,7 +141,7 @@ fn paths_for(scene: &Scene, settings: &ShootSettings, guide: Option<&Guide>) -> 
     let stored_by = |paths: std::ops::Range<u64>| -> u64 {
         let chunk = |first: u64| {
             let mut deposit = Deposit::new(settings.target, settings.walk, PILOT);
-            deposit.trace_all(scene, guide, key, first..(first + CHUNK).min(paths.end));
+            deposit.trace_unordered(scene, guide, key, first..(first + CHUNK).min(paths.end));
             deposit.photons.len() as u64
         };
         let chunks = (paths.end - paths.start).div_ceil(CHUNK);

@@ -109,21 +109,48 @@ fn nothing_is_learnt_where_nothing_focuses() {
 
 #[test]
 fn many_paths_at_a_time_store_what_each_stores_alone() {
-    let scene = scene(&format!("{FLOOR}{LAMP}{}", glass(0.0, 0.7, 0.4)));
-    for target in [Target::Caustic, Target::Global, Target::Indirect] {
-        for sequence in [Sequence::Independent, Sequence::Sobol] {
-            let walk = WalkSettings { max_depth: None, rr_depth: 1, sequence };
-            let key = Key::new(1, target.purpose(), 0);
-            let [mut alone, mut together] = [(); 2].map(|()| Deposit::new(target, walk, 5000));
-            for index in 100..5100 {
-                alone.trace(&scene, None, key, index);
+    let glass = glass(0.0, 0.7, 0.4);
+    // Of a sky, many rays pass by the box of the scene and are not traced at all.
+    let sky = r#"<emitter type="constant"><rgb name="radiance" value="0.3, 0.5, 1"/></emitter>"#;
+    for light in [LAMP.to_string(), format!("{LAMP}{sky}")] {
+        let scene = scene(&format!("{FLOOR}{light}{glass}"));
+        for target in [Target::Caustic, Target::Global, Target::Indirect] {
+            for sequence in [Sequence::Independent, Sequence::Sobol] {
+                let walk = WalkSettings { max_depth: None, rr_depth: 1, sequence };
+                let key = Key::new(1, target.purpose(), 0);
+                let [mut alone, mut together] = [(); 2].map(|()| Deposit::new(target, walk, 5000));
+                for index in 100..5100 {
+                    alone.trace(&scene, None, key, index);
+                }
+                together.trace_all(&scene, None, key, 100..5100);
+                assert!(alone.photons.len() > 40 || target == Target::Indirect, "{target:?}: {}", alone.photons.len());
+                assert_eq!(together.photons, alone.photons, "{target:?}");
+                assert_eq!((together.rejected, together.counters), (alone.rejected, alone.counters));
+                let (a, b) = (together.balance, alone.balance);
+                assert!(a.relative_error() < 1e-12);
+                for (a, b) in [(a.emitted, b.emitted), (a.escaped, b.escaped)] {
+                    assert!((0..3).all(|c| (a[c] - b[c]).abs() <= 1e-9 * b[c]), "{a:?} for {b:?}");
+                }
             }
-            together.trace_all(&scene, None, key, 100..5100);
-            assert!(alone.photons.len() > 100 || target == Target::Indirect, "{target:?}: {}", alone.photons.len());
-            assert_eq!(together.photons, alone.photons, "{target:?}");
-            assert_eq!((together.rejected, together.counters), (alone.rejected, alone.counters));
-            assert!(together.balance.relative_error() < 1e-12);
         }
+    }
+}
+
+/// Batches are joined in the order of their numbers, whichever thread has traced them.
+#[test]
+fn batches_are_joined_in_order() {
+    let scene = scene(&format!("{FLOOR}{LAMP}"));
+    let settings = ShootSettings { target: Target::Global, ..settings(1, false, 0) };
+    let emission = Emission::unaimed(5 * PATHS_PER_BATCH + 7);
+    let key = Key::new(settings.seed, settings.target.purpose(), settings.pass);
+    let mut alone = Deposit::new(settings.target, settings.walk, emission.paths);
+    alone.trace_all(&scene, None, key, 0..emission.paths);
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let shot = pool.install(|| shoot_paths(&scene, &settings, &emission));
+        assert!(shot.photons == alone.photons && shot.photons.len() > 10_000, "{} photons", shot.photons.len());
+        assert!(shot.photons.capacity() <= shot.photons.len() / 32 * 33 + 32, "{}", shot.photons.capacity());
+        assert_eq!(shot.counters, alone.counters);
     }
 }
 

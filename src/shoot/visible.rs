@@ -110,7 +110,7 @@ fn uniform_paths<S: Fn(&Photon) -> bool + Sync>(
             }
             begin = end as usize;
         }
-        Uniform { shot: Shot { photons, ..Shot::from(deposit) }, seen }
+        Uniform { shot: Shot { photons, ..deposit.take() }, seen }
     };
     // Join the batches in the order of their paths.
     let all: Vec<Uniform> = (0..batches).into_par_iter().map(batch).collect();

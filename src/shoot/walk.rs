@@ -1,12 +1,13 @@
 //! One photon path: emission, scattering with Russian roulette, deposits.
 
+use std::mem::take;
 use std::ops::Range;
 
 use arrayvec::ArrayVec;
 
 use super::lanes::{Face, Lanes};
 use super::launch::{Departure, Launch};
-use super::{AimCounts, EnergyBalance, Guide};
+use super::{AimCounts, EnergyBalance, Guide, Shot};
 use crate::accel::{self, Task};
 use crate::bsdf::{Bsdf, LobeMask, Mode};
 use crate::color::Rgb;
@@ -94,7 +95,7 @@ pub struct Start {
 }
 
 /// Photons under way at a time in [`Deposit::trace_all`].
-pub(super) const WAVE: usize = 32;
+pub(super) const WAVE: usize = 64;
 
 /// Triangles that fit into the caches with all that is known about them.
 const NEAR_TRIANGLES: u64 = 1 << 15;
@@ -105,8 +106,8 @@ pub(super) struct Flight<N = Sampler> {
     ray: Ray,
     pub flux: Rgb,
     pub sampler: N,
-    /// Its path: the number, and the key of its random bits.
-    index: u64,
+    /// Its path: the number within the batch, and the key of its random bits.
+    number: u32,
     pub path: Key,
     /// The shape met first.
     first: u32,
@@ -139,7 +140,7 @@ impl<N> Flight<N> {
             ray: Ray::new(Vec3::ZERO, Vec3::Z),
             flux: Rgb::BLACK,
             sampler,
-            index: 0,
+            number: 0,
             path: key,
             first: u32::MAX,
             depth: 0,
@@ -147,6 +148,15 @@ impl<N> Flight<N> {
             scattered: false,
             narrow: false,
         }
+    }
+
+    /// Puts a path on its way, all but its numbers.
+    #[inline(always)]
+    fn depart(&mut self, scene: &Scene, key: Key, &Departure { index, o, d, flux }: &Departure, number: u32) {
+        self.ray = scene.from_light(Ray::new(o, d));
+        self.flux = flux;
+        (self.number, self.path, self.first, self.depth) = (number, key.with(index), u32::MAX, 0);
+        (self.specular_chain, self.scattered, self.narrow) = (true, false, false);
     }
 
     /// Counts a surface.
@@ -176,8 +186,11 @@ pub struct Deposit {
     pub counters: Counters,
     /// What the scene file asks to aim at, counted.
     pub aimed: AimCounts,
-    /// The largest channel of the photon stored last, W, times the importance of the shape that its path met first.
-    last_power: f64,
+    /// The number within its batch of the path of each photon stored by [`Deposit::trace_waves`].
+    owners: Vec<u32>,
+    /// What the photons of each path of a batch sum up to, where that is wanted: their largest channels, W, times the
+    /// importance of the shape that the path met first.
+    powers: Vec<f64>,
     target: Target,
     walk: WalkSettings,
     inv_emitted: f32,
@@ -192,10 +205,23 @@ impl Deposit {
             rejected: 0,
             counters: Counters::default(),
             aimed: AimCounts::default(),
-            last_power: 0.0,
+            owners: Vec::new(),
+            powers: Vec::new(),
             target,
             walk,
             inv_emitted: (1.0 / emitted as f64) as f32,
+        }
+    }
+
+    /// Takes everything out, as one batch of a shoot; `emitted` is for all batches to say together.
+    pub(super) fn take(&mut self) -> Shot {
+        Shot {
+            photons: take(&mut self.photons),
+            emitted: 0,
+            balance: take(&mut self.balance),
+            rejected: take(&mut self.rejected),
+            counters: take(&mut self.counters),
+            aimed: take(&mut self.aimed),
         }
     }
 
@@ -219,6 +245,7 @@ impl Deposit {
             let hit = scene.hit(&mut flight.ray);
             flies = self.land(scene, &mut flight, hit);
         }
+        self.owners.clear();
         Some(start)
     }
 
@@ -228,53 +255,58 @@ impl Deposit {
     /// A photon's way from hit to hit is one long chain of steps that depend on each other, and on a large mesh half of their
     /// time is waiting for the triangle that was hit. Many under way at a time wait together.
     pub fn trace_all(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) -> Vec<u32> {
-        accel::run(TraceAll { deposit: self, scene, guide, key, indices, powers: &mut [] })
+        let before = self.photons.len();
+        let paths = (indices.end - indices.start) as usize;
+        accel::run(TraceAll { deposit: self, scene, guide, key, indices });
+        let (order, mut ends) = order_by_owner(&self.owners, paths);
+        let unordered = self.photons.split_off(before);
+        self.photons.extend(order.into_iter().map(|i| unordered[i as usize]));
+        ends.iter_mut().for_each(|end| *end += before as u32);
+        ends
     }
 
-    /// As [`Deposit::trace_all`]; returns what each path has stored instead: the sum of the largest channels of its photons, W,
-    /// times the importance of the shape that it met first.
-    pub(super) fn measure_all(&mut self, scene: &Scene, guide: &Guide, key: Key, indices: Range<u64>) -> Vec<f64> {
-        let mut powers = vec![0.0; (indices.end - indices.start) as usize];
-        accel::run(TraceAll { deposit: self, scene, guide: Some(guide), key, indices, powers: &mut powers });
-        powers
-    }
-
-    /// [`Deposit::trace_all`] for one instruction set; adds to `powers`, unless it is empty, what each path stores.
-    #[inline(always)]
-    fn trace_waves(
+    /// As [`Deposit::trace_all`], but leaves the photons, the first here, as they come: returns the number of each in the order
+    /// of the paths.
+    pub(super) fn trace_unordered(
         &mut self,
         scene: &Scene,
         guide: Option<&Guide>,
         key: Key,
         indices: Range<u64>,
-        powers: &mut [f64],
     ) -> Vec<u32> {
+        let paths = (indices.end - indices.start) as usize;
+        accel::run(TraceAll { deposit: self, scene, guide, key, indices });
+        order_by_owner(&self.owners, paths).0
+    }
+
+    /// As [`Deposit::trace_unordered`]; returns what each path has stored instead: the sum of the largest channels of its photons,
+    /// W, times the importance of the shape that it met first.
+    pub(super) fn measure_all(&mut self, scene: &Scene, guide: &Guide, key: Key, indices: Range<u64>) -> Vec<f64> {
+        self.powers = vec![0.0; (indices.end - indices.start) as usize];
+        accel::run(TraceAll { deposit: self, scene, guide: Some(guide), key, indices });
+        take(&mut self.powers)
+    }
+
+    /// Follows many paths at a time for one instruction set, and notes the owner of each photon.
+    #[inline(always)]
+    fn trace_waves(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) {
+        self.owners.clear();
         let first = indices.start;
-        let mut launch = Launch::new(indices.clone());
+        let mut launch = Launch::new(indices);
         let (mut wave, mut len) = ([Flight::none(Sampler::new(self.walk.sequence, key, 0), key); WAVE], WAVE);
         let mut hits = [None; WAVE];
         let mut lanes = Lanes::new(&self.walk);
         let far = scene.stats.triangles > NEAR_TRIANGLES;
-        // By photon: which path stored it.
-        let (before, mut owners) = (self.photons.len(), Vec::new());
-        let mut own = |index: u64, power: f64| {
-            let path = (index - first) as usize;
-            owners.push(path as u32);
-            if let Some(sum) = powers.get_mut(path) {
-                *sum += power;
-            }
-        };
         let mut ended: ArrayVec<usize, WAVE> = (0..WAVE).rev().collect();
         loop {
             // Let a photon start in the place of each that has ended; close the gaps when there are no more.
             while let Some(&slot) = ended.last() {
                 let stream = (self.walk.sequence, key);
                 let Some(departure) = launch.next(scene, guide, stream, self.inv_emitted) else { break };
-                if self.depart(scene, key, &departure, &mut wave[slot]) {
-                    // Emission has used the first number and the two points behind it.
-                    wave[slot].sampler = Sampler::new(self.walk.sequence, key, departure.index).skip(3);
-                    ended.pop();
-                }
+                wave[slot].depart(scene, key, &departure, (departure.index - first) as u32);
+                // Emission has used the first number and the two points behind it.
+                wave[slot].sampler = Sampler::new(self.walk.sequence, key, departure.index).skip(3);
+                ended.pop();
             }
             ended.sort_unstable();
             while let Some(slot) = ended.pop() {
@@ -288,31 +320,23 @@ impl Deposit {
             if far {
                 scene.geometry.touch(&hits[..len]);
             }
+            self.counters.photon_rays += len as u64;
             for (slot, (flight, hit)) in wave[..len].iter_mut().zip(&hits).enumerate() {
-                let stored = self.photons.len();
                 if !self.land_in(scene, flight, hit.as_ref(), slot, &mut lanes) {
                     ended.push(slot);
-                }
-                if self.photons.len() > stored {
-                    own(flight.index, self.last_power);
                 }
             }
             lanes.run();
             for i in 0..lanes.len() {
-                let (slot, stored) = (lanes.slot(i), self.photons.len());
+                let slot = lanes.slot(i);
                 if !self.take_off(scene, &mut wave[slot], &lanes, i) {
                     ended.push(slot);
-                }
-                if self.photons.len() > stored {
-                    own(wave[slot].index, self.last_power);
                 }
             }
             lanes.clear();
         }
+        launch.add_to(self);
         lanes.add_to(&mut self.balance);
-        let mut ends = sort_by_owner(&mut self.photons[before..], &owners, (indices.end - first) as usize);
-        ends.iter_mut().for_each(|end| *end += before as u32);
-        ends
     }
 
     /// Starts photon path `index` by the numbers of `flight`, into it: where, and whether its photon is on its way, which one
@@ -339,29 +363,16 @@ impl Deposit {
         let le = scene.lights[start.light].sample_le(&scene.light_context(), start.u_pos, start.u_dir);
         let (o, d, weight) = le.map_or((Vec3::ZERO, Vec3::Z, Rgb::BLACK), |le| (le.ray.o, le.ray.d, le.weight));
         let flux = weight * (self.inv_emitted / start.pdf);
-        let departure = Departure { index, light: Some(start.light), o, d, flux };
-        Some((start, self.depart(scene, key, &departure, flight)))
-    }
-
-    /// Puts a path on its way, all but its numbers. False when it carries nothing.
-    #[inline(always)]
-    fn depart<N>(&mut self, scene: &Scene, key: Key, departure: &Departure, flight: &mut Flight<N>) -> bool {
-        let &Departure { index, light, o, d, flux } = departure;
-        let Some(light) = light else { return false };
-        self.aimed.add_path(&scene.photon_aims, light);
-        if flux.is_black() {
-            return false;
-        }
-        if !flux.is_finite() {
+        self.aimed.add_path(&scene.photon_aims, start.light);
+        if !flux.is_black() && !flux.is_finite() {
             self.rejected += 1;
-            return false;
+        }
+        if flux.is_black() || !flux.is_finite() {
+            return Some((start, false));
         }
         EnergyBalance::add(&mut self.balance.emitted, flux);
-        flight.ray = scene.from_light(Ray::new(o, d));
-        flight.flux = flux;
-        (flight.index, flight.path, flight.first, flight.depth) = (index, key.with(index), u32::MAX, 0);
-        (flight.specular_chain, flight.scattered, flight.narrow) = (true, false, false);
-        true
+        flight.depart(scene, key, &Departure { index, o, d, flux }, 0);
+        Some((start, true))
     }
 
     /// Stores and scatters a photon where its ray has ended. False when its path ends there.
@@ -387,7 +398,6 @@ impl Deposit {
         slot: usize,
         lanes: &mut Lanes,
     ) -> bool {
-        self.counters.photon_rays += 1;
         let Some(hit) = hit else {
             EnergyBalance::add(&mut self.balance.escaped, flight.flux);
             return false;
@@ -420,7 +430,7 @@ impl Deposit {
         let fate = lanes.fate(i);
         if self.wants(flight) && !fate.is_lost() {
             match lanes.photon(i) {
-                Some((photon, power)) => self.keep(scene, photon, power, flight.first),
+                Some((photon, power)) => self.keep(scene, photon, power, flight),
                 None => self.rejected += 1,
             }
         }
@@ -521,17 +531,20 @@ impl Deposit {
         let side = si.wo.dot(si.ng) > 0.0;
         let record = PhotonRecord { p: si.p, power, wi: si.wo, side, normal: si.ng, class, mark };
         match Photon::pack(&record, rounding_bits(flight.path, flight.depth)) {
-            Ok(photon) => self.keep(scene, photon, power.max_channel(), flight.first),
+            Ok(photon) => self.keep(scene, photon, power.max_channel(), flight),
             Err(_) => self.rejected += 1,
         }
     }
 
-    /// Takes a photon whose largest channel is `power` and whose path met the shape `first` first.
+    /// Takes a photon of `flight` whose largest channel is `power`.
     #[inline(always)]
-    fn keep(&mut self, scene: &Scene, photon: Photon, power: f32, first: u32) {
-        let importance = self.aimed.add_photon(&scene.photon_aims, first);
-        self.last_power = (importance * power) as f64;
+    fn keep<N>(&mut self, scene: &Scene, photon: Photon, power: f32, flight: &Flight<N>) {
+        let importance = self.aimed.add_photon(&scene.photon_aims, flight.first);
+        if let Some(sum) = self.powers.get_mut(flight.number as usize) {
+            *sum += (importance * power) as f64;
+        }
         self.photons.push(photon);
+        self.owners.push(flight.number);
     }
 }
 
@@ -553,27 +566,26 @@ fn choose_class(bsdf: &Bsdf, wo: Vec3, u_lobe: &mut f32) -> (LobeMask, f32) {
     (mask, p)
 }
 
-/// [`Deposit::trace_all`] as work that is compiled for each instruction set.
+/// [`Deposit::trace_waves`] as work that is compiled for each instruction set.
 struct TraceAll<'a> {
     deposit: &'a mut Deposit,
     scene: &'a Scene,
     guide: Option<&'a Guide>,
     key: Key,
     indices: Range<u64>,
-    powers: &'a mut [f64],
 }
 
 impl Task for TraceAll<'_> {
-    type Output = Vec<u32>;
+    type Output = ();
 
     #[inline(always)]
-    fn run(self) -> Vec<u32> {
-        self.deposit.trace_waves(self.scene, self.guide, self.key, self.indices, self.powers)
+    fn run(self) {
+        self.deposit.trace_waves(self.scene, self.guide, self.key, self.indices)
     }
 }
 
-/// Puts photons into the order of the paths that stored them, those of one path as they are. Returns where each path's end.
-fn sort_by_owner(photons: &mut [Photon], owners: &[u32], paths: usize) -> Vec<u32> {
+/// The numbers of photons in the order of the paths that own them, those of one path as they are, and where each path's end.
+fn order_by_owner(owners: &[u32], paths: usize) -> (Vec<u32>, Vec<u32>) {
     let mut next = vec![0u32; paths + 1];
     for &o in owners {
         next[o as usize + 1] += 1;
@@ -581,11 +593,11 @@ fn sort_by_owner(photons: &mut [Photon], owners: &[u32], paths: usize) -> Vec<u3
     for i in 1..next.len() {
         next[i] += next[i - 1];
     }
-    let unsorted = photons.to_vec();
-    for (photon, &o) in unsorted.iter().zip(owners) {
-        photons[next[o as usize] as usize] = *photon;
+    let mut order = vec![0u32; owners.len()];
+    for (i, &o) in owners.iter().enumerate() {
+        order[next[o as usize] as usize] = i as u32;
         next[o as usize] += 1;
     }
     next.truncate(paths);
-    next
+    (order, next)
 }
