@@ -6,7 +6,7 @@ use super::lanes::Sums;
 use super::{AimCounts, Deposit, Guide};
 use crate::color::Rgb;
 use crate::light::{STARTS, StartNumbers, Starts};
-use crate::math::{Bounds3, Vec2, Vec3};
+use crate::math::{Vec2, Vec3};
 use crate::sample::{Key, Sampler, Sequence};
 use crate::scene::Scene;
 
@@ -15,9 +15,6 @@ const NONE: u32 = u32::MAX;
 
 /// Paths of one light from which on they are done together.
 const FEW: u32 = 4;
-
-/// By how much of the largest distance from the origin a ray must miss a box to be given up.
-const MISS: f32 = 1e-5;
 
 /// A path that starts: its number, its ray and its flux.
 #[derive(Clone, Copy, Debug)]
@@ -127,7 +124,7 @@ impl Launch {
             self.starts.set(i, (o, d, flux));
             let carries = (self.light[i] != NONE) & !flux.is_black();
             let starts = carries & flux.is_finite();
-            let misses = starts & passes_by(&scene.bounds, o, d);
+            let misses = starts & scene.bounds.is_missed(o, d);
             (rejected[i], passed_by[i]) = ((carries & !starts) as u32, misses as u32);
             left[i] = ((starts & !misses) as u32) << i;
             self.emitted.add(i, if starts { flux } else { Rgb::BLACK });
@@ -180,16 +177,6 @@ impl Launch {
     }
 }
 
-/// Whether the ray from `o` along `d` surely misses the box, by more than rounding: lights at infinity start on a disc as
-/// wide as the sphere around the scene, and of what they emit over a flat one most does.
-#[inline(always)]
-fn passes_by(bounds: &Bounds3, o: Vec3, d: Vec3) -> bool {
-    let reach = o.abs().max(bounds.min.abs()).max(bounds.max.abs());
-    let margin = MISS * reach.max_element();
-    let (a, b) = ((bounds.min - margin - o) / d, (bounds.max + margin - o) / d);
-    a.min(b).max_element() > a.max(b).min_element().max(0.0)
-}
-
 /// The places of the bits that are set, in ascending order.
 fn lanes(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -197,32 +184,4 @@ fn lanes(mut bits: u32) -> impl Iterator<Item = usize> {
         bits &= bits - 1;
         Some(i)
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sample::{Purpose, warp};
-
-    /// Rays that are aimed at points of a box, most of them at its faces, edges and corners, or that run along one of its faces.
-    #[test]
-    fn no_ray_that_meets_the_box_is_given_up() {
-        let given_up = |scale: f32, flat: bool, wide: f32| {
-            let extent = Vec3::new(3.0, if flat { 0.0 } else { 0.5 }, 2.0) * scale;
-            let bounds = Bounds3 { min: -extent, max: extent };
-            let passes = (0..20_000).filter(|&i| {
-                let mut s = Sampler::new(Sequence::Independent, Key::new(3, Purpose::Test, 0), i);
-                let mut side = || [-1.0, 0.3, 1.0][(3.0 * s.next_1d()) as usize];
-                let target = wide * extent * Vec3::new(side(), side(), side());
-                let o = 9.0 * scale * warp::uniform_sphere(s.next_2d());
-                let o = if i % 5 == 0 { o.with_y(target.y) } else { o };
-                passes_by(&bounds, o, (target - o).normalize())
-            });
-            passes.count()
-        };
-        for (scale, flat) in [(1.0, false), (1.0, true), (1e-3, false), (700.0, true)] {
-            assert_eq!(given_up(scale, flat, 1.0), 0, "scale {scale}");
-            assert!(given_up(scale, flat, 1.5) > 2_000, "scale {scale}");
-        }
-    }
 }

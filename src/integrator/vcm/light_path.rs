@@ -77,6 +77,9 @@ impl LightWalk {
     #[inline(always)]
     pub fn advance(&mut self, recipe: &Recipe, counters: &mut Counters) -> Option<SurfaceInteraction> {
         counters.photon_rays += 1;
+        if self.depth == 0 && recipe.scene.bounds.is_missed(self.ray.o, self.ray.d) {
+            return None;
+        }
         let hit = recipe.scene.hit(&mut self.ray)?;
         let si = recipe.scene.interaction(&self.ray, &hit);
         self.arrive(recipe, &si);
