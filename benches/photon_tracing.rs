@@ -28,6 +28,11 @@ fn main() {
         "environment.xml",
         "gallery/sphereflake.xml",
         "gallery/matterhorn.xml",
+        "ring.xml",
+        "gallery/glossy.xml",
+        "gallery/poolhouse.xml",
+        "gallery/fractal-box.xml",
+        "pool.xml",
     ];
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     let scenes = if given.is_empty() { own.map(|s| folder.join(s)).to_vec() } else { given };
