@@ -114,7 +114,8 @@ pub fn shoot_paths(scene: &Scene, settings: &ShootSettings, emission: &Emission)
         let first = number * PATHS_PER_BATCH;
         let last = (first + PATHS_PER_BATCH).min(emitted);
         batch.deposit.photons.clear();
-        batch.order = batch.deposit.trace_unordered(scene, guide, key, first..last);
+        batch.deposit.trace_unordered(scene, guide, key, first..last);
+        (batch.order, _) = batch.deposit.order((last - first) as usize);
         joining().put(number, batch);
     });
     let join = join.into_inner().unwrap_or_else(PoisonError::into_inner);

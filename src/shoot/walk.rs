@@ -255,35 +255,31 @@ impl Deposit {
     /// A photon's way from hit to hit is one long chain of steps that depend on each other, and on a large mesh half of their
     /// time is waiting for the triangle that was hit. Many under way at a time wait together.
     pub fn trace_all(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) -> Vec<u32> {
-        let before = self.photons.len();
-        let paths = (indices.end - indices.start) as usize;
-        accel::run(TraceAll { deposit: self, scene, guide, key, indices });
-        let (order, mut ends) = order_by_owner(&self.owners, paths);
+        let (before, paths) = (self.photons.len(), (indices.end - indices.start) as usize);
+        self.trace_unordered(scene, guide, key, indices);
+        let (order, mut ends) = self.order(paths);
         let unordered = self.photons.split_off(before);
         self.photons.extend(order.into_iter().map(|i| unordered[i as usize]));
         ends.iter_mut().for_each(|end| *end += before as u32);
         ends
     }
 
-    /// As [`Deposit::trace_all`], but leaves the photons, the first here, as they come: returns the number of each in the order
-    /// of the paths.
-    pub(super) fn trace_unordered(
-        &mut self,
-        scene: &Scene,
-        guide: Option<&Guide>,
-        key: Key,
-        indices: Range<u64>,
-    ) -> Vec<u32> {
-        let paths = (indices.end - indices.start) as usize;
+    /// As [`Deposit::trace_all`], but leaves the photons as they come.
+    pub(super) fn trace_unordered(&mut self, scene: &Scene, guide: Option<&Guide>, key: Key, indices: Range<u64>) {
         accel::run(TraceAll { deposit: self, scene, guide, key, indices });
-        order_by_owner(&self.owners, paths).0
+    }
+
+    /// The numbers of the photons that [`Deposit::trace_unordered`] has left of so many `paths`, in the order of these, and where
+    /// each path's end.
+    pub(super) fn order(&self, paths: usize) -> (Vec<u32>, Vec<u32>) {
+        order_by_owner(&self.owners, paths)
     }
 
     /// As [`Deposit::trace_unordered`]; returns what each path has stored instead: the sum of the largest channels of its photons,
     /// W, times the importance of the shape that it met first.
     pub(super) fn measure_all(&mut self, scene: &Scene, guide: &Guide, key: Key, indices: Range<u64>) -> Vec<f64> {
         self.powers = vec![0.0; (indices.end - indices.start) as usize];
-        accel::run(TraceAll { deposit: self, scene, guide: Some(guide), key, indices });
+        self.trace_unordered(scene, Some(guide), key, indices);
         take(&mut self.powers)
     }
 
@@ -364,10 +360,11 @@ impl Deposit {
         let (o, d, weight) = le.map_or((Vec3::ZERO, Vec3::Z, Rgb::BLACK), |le| (le.ray.o, le.ray.d, le.weight));
         let flux = weight * (self.inv_emitted / start.pdf);
         self.aimed.add_path(&scene.photon_aims, start.light);
-        if !flux.is_black() && !flux.is_finite() {
-            self.rejected += 1;
+        if flux.is_black() {
+            return Some((start, false));
         }
-        if flux.is_black() || !flux.is_finite() {
+        if !flux.is_finite() {
+            self.rejected += 1;
             return Some((start, false));
         }
         EnergyBalance::add(&mut self.balance.emitted, flux);
