@@ -61,6 +61,12 @@ impl LightSelector {
         self.cdf.sample(u).map(|(i, p, _)| (i, p))
     }
 
+    /// The lights of [`LightSelector::sample`] for all of `u`, [`u32::MAX`] for none, and their probabilities.
+    #[inline(always)]
+    pub fn sample_all<const N: usize>(&self, u: &[f32; N], lights: &mut [u32; N], pmf: &mut [f32; N]) {
+        self.cdf.sample_all(u, lights, pmf);
+    }
+
     /// [`LightSelector::sample`] with what is left of `u`, uniform in [0, 1).
     #[inline]
     pub fn sample_remainder(&self, u: f32) -> Option<(usize, f32, f32)> {

@@ -71,8 +71,27 @@ impl Starts {
         set(&mut self.weight, weight.to_array());
     }
 
+    /// Takes those of `others` whose `light` is `id`.
     #[inline(always)]
-    pub(super) fn put(&mut self, i: usize, le: Option<LightLe>) {
+    pub fn take_of(&mut self, light: &[u32; STARTS], id: u32, others: &Self) {
+        // Bits of either by masks: of a choice the compiler makes one of addresses, and no vectors.
+        let mut mask = [0; STARTS];
+        for i in 0..STARTS {
+            mask[i] = u32::from(light[i] == id).wrapping_neg();
+        }
+        let all = [(&mut self.o, &others.o), (&mut self.d, &others.d), (&mut self.weight, &others.weight)];
+        for (own, others) in all {
+            for (own, others) in own.iter_mut().zip(others) {
+                for i in 0..STARTS {
+                    own[i] = f32::from_bits(own[i].to_bits() & !mask[i] | others[i].to_bits() & mask[i]);
+                }
+            }
+        }
+    }
+
+    /// Sets path `i` to what [`Light::sample_le`] gives.
+    #[inline(always)]
+    pub fn put(&mut self, i: usize, le: Option<LightLe>) {
         self.set(i, le.map_or((Vec3::ZERO, Vec3::Z, Rgb::BLACK), |le| (le.ray.o, le.ray.d, le.weight)));
     }
 }

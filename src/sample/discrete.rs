@@ -15,6 +15,9 @@ pub struct Cdf {
 /// Items from which on a guide is worth its memory.
 const GUIDED: usize = 8;
 
+/// Items up to which many numbers are compared with each of them.
+const SIDE_BY_SIDE: usize = 8;
+
 /// Entries that are compared at a time.
 const STRIDE: usize = 4;
 
@@ -100,6 +103,28 @@ impl Cdf {
         }
         let rest = ((u - self.cumulative[i]) / p).clamp(0.0, 1.0f32.next_down());
         Some((i, p, rest))
+    }
+
+    /// The items of [`Cdf::sample`] for all of `u`, [`u32::MAX`] for none, and their probabilities.
+    #[inline(always)]
+    pub fn sample_all<const N: usize>(&self, u: &[f32; N], items: &mut [u32; N], pmf: &mut [f32; N]) {
+        if self.len() > SIDE_BY_SIDE || self.total <= 0.0 {
+            for i in 0..N {
+                let (item, p) = self.sample(u[i]).map_or((u32::MAX, 1.0), |(item, p, _)| (item as u32, p));
+                (items[i], pmf[i]) = (item, p);
+            }
+            return;
+        }
+        // Item after item, so that the numbers go through in vectors. What ends where it begins is passed with its beginning.
+        (*items, *pmf) = ([0; N], [self.pmf(0); N]);
+        for item in 1..self.len() {
+            let (begin, p) = (self.cumulative[item], self.pmf(item));
+            for i in 0..N {
+                let passed = (begin <= u[i]) & (p > 0.0);
+                items[i] = if passed { item as u32 } else { items[i] };
+                pmf[i] = if passed { p } else { pmf[i] };
+            }
+        }
     }
 }
 
@@ -233,6 +258,24 @@ mod tests {
             let edges = cdf.cumulative.iter().flat_map(|&c| [c.next_down(), c, c.next_up()]);
             for u in edges.chain((0..10_000).map(|i| i as f32 * 1e-4)).filter(|u| (0.0..1.0).contains(u)) {
                 assert_eq!(cdf.up_to(u), cdf.cumulative.partition_point(|&c| c <= u), "{len} items, {u}");
+            }
+        }
+    }
+
+    #[test]
+    fn items_side_by_side_are_those_of_one_number_after_the_other() {
+        for weights in [vec![], vec![0.0], vec![2.0], vec![0.0, 1.0, 0.0, 3.0, 0.0], vec![1.0; 7], vec![1.0; 300]] {
+            let cdf = Cdf::new(weights.iter().copied());
+            let edges = cdf.cumulative.iter().flat_map(|&c| [c.next_down(), c, c.next_up()]);
+            let mut numbers: Vec<f32> = edges.filter(|u| (0.0..1.0).contains(u)).collect();
+            numbers.resize(numbers.len().next_multiple_of(16), 0.3);
+            for u in numbers.as_chunks::<16>().0 {
+                let (mut items, mut pmf) = ([7; 16], [7.0; 16]);
+                cdf.sample_all(u, &mut items, &mut pmf);
+                for i in 0..16 {
+                    let one = cdf.sample(u[i]).map(|(item, p, _)| (item as u32, p));
+                    assert_eq!((items[i] != u32::MAX).then_some((items[i], pmf[i])), one, "{weights:?}, {}", u[i]);
+                }
             }
         }
     }

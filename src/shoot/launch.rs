@@ -6,7 +6,7 @@ use super::lanes::Sums;
 use super::{AimCounts, Deposit, Guide};
 use crate::color::Rgb;
 use crate::light::{STARTS, StartNumbers, Starts};
-use crate::math::{Vec2, Vec3};
+use crate::math::Vec3;
 use crate::sample::{Key, Sampler, Sequence};
 use crate::scene::Scene;
 
@@ -34,7 +34,9 @@ pub(super) struct Launch {
     first: u64,
     left: u32,
     light: [u32; STARTS],
+    /// Those without a light keep what others have left there.
     starts: Starts,
+    of_one_light: Starts,
     // What became of all that were prepared.
     emitted: Sums<STARTS>,
     escaped: Sums<STARTS>,
@@ -52,6 +54,7 @@ impl Launch {
             left: 0,
             light: [NONE; STARTS],
             starts: Starts::ZERO,
+            of_one_light: Starts::ZERO,
             emitted: Sums::ZERO,
             escaped: Sums::ZERO,
             passed_by: 0,
@@ -100,20 +103,22 @@ impl Launch {
         let mut numbers = StartNumbers { pos: [u[1], u[2]], dir: [u[3], u[4]] };
         let mut pdf = [1.0; STARTS];
         // Choose the lights.
-        self.light = [NONE; STARTS];
-        for i in 0..len {
-            if let Some(guide) = guide {
-                let (pos, dir) = numbers.get(i);
-                if let Some(start) = guide.start(u[0][i], pos, dir) {
-                    numbers.set(i, start.u_pos, start.u_dir);
-                    (self.light[i], pdf[i]) = (start.light as u32, start.pdf);
+        match guide {
+            Some(guide) => {
+                for i in 0..len {
+                    let (pos, dir) = numbers.get(i);
+                    self.light[i] = NONE;
+                    if let Some(start) = guide.start(u[0][i], pos, dir) {
+                        numbers.set(i, start.u_pos, start.u_dir);
+                        (self.light[i], pdf[i]) = (start.light as u32, start.pdf);
+                    }
                 }
-            } else if let Some((light, p)) = scene.photon_selector.sample(u[0][i]) {
-                (self.light[i], pdf[i]) = (light as u32, p);
             }
-            if self.light[i] != NONE {
-                self.aimed.add_path(&scene.photon_aims, self.light[i] as usize);
-            }
+            None => scene.photon_selector.sample_all(&u[0], &mut self.light, &mut pdf),
+        }
+        self.light[len..].fill(NONE);
+        for &light in self.light.iter().filter(|&&light| light != NONE) {
+            self.aimed.add_path(&scene.photon_aims, light as usize);
         }
         self.start(scene, &numbers);
         // Account for all of them; those that need no ray query end here.
@@ -139,42 +144,37 @@ impl Launch {
     #[inline(always)]
     fn start(&mut self, scene: &Scene, numbers: &StartNumbers) {
         let ctx = scene.light_context();
-        let all: u32 = (0..STARTS).filter(|&i| self.light[i] != NONE).map(|i| 1 << i).sum();
+        let all = !members(&self.light, NONE);
         let mut left = all;
-        self.starts = Starts::ZERO;
         while left != 0 {
-            let light = self.light[left.trailing_zeros() as usize];
-            let members: u32 = lanes(left).filter(|&i| self.light[i] == light).map(|i| 1 << i).sum();
-            left &= !members;
-            let light = &scene.lights[light as usize];
-            if members.count_ones() < FEW {
-                for i in lanes(members) {
+            let id = self.light[left.trailing_zeros() as usize];
+            let own = members(&self.light, id);
+            left &= !own;
+            let light = &scene.lights[id as usize];
+            if own.count_ones() < FEW {
+                for i in lanes(own) {
                     let (pos, dir) = numbers.get(i);
-                    if let Some(le) = light.sample_le(&ctx, pos, dir) {
-                        self.starts.set(i, (le.ray.o, le.ray.d, le.weight));
-                    }
+                    self.starts.put(i, light.sample_le(&ctx, pos, dir));
                 }
-                continue;
-            }
-            // Side by side, where others stand between them.
-            let (mut own, mut starts) = (*numbers, Starts::ZERO);
-            if members != all {
-                for (to, from) in lanes(members).enumerate() {
-                    let (pos, dir): (Vec2, Vec2) = numbers.get(from);
-                    own.set(to, pos, dir);
-                }
-            }
-            light.sample_le_all(&ctx, &own, &mut starts);
-            if members == all {
-                // Paths without a light have a start by this, and do not take it.
-                self.starts = starts;
-                continue;
-            }
-            for (from, to) in lanes(members).enumerate() {
-                self.starts.set(to, starts.get(from));
+            } else if own == all {
+                light.sample_le_all(&ctx, numbers, &mut self.starts);
+            } else {
+                // The others as well, which take nothing: vectors are full anyway.
+                light.sample_le_all(&ctx, numbers, &mut self.of_one_light);
+                self.starts.take_of(&self.light, id, &self.of_one_light);
             }
         }
     }
+}
+
+/// The lanes whose light is `id`, a bit each.
+#[inline(always)]
+fn members(lights: &[u32; STARTS], id: u32) -> u32 {
+    let mut bits = [0; STARTS];
+    for i in 0..STARTS {
+        bits[i] = ((lights[i] == id) as u32) << i;
+    }
+    bits.iter().sum()
 }
 
 /// The places of the bits that are set, in ascending order.
