@@ -56,17 +56,31 @@ pub fn evaluate(
     }
 }
 
-/// The reflectances of both sides of a material for which [`evaluate`] gives [`Bsdf::Diffuse`] everywhere, or
-/// [`Bsdf::Black`], which is `None`. `None` for all other materials.
+/// A material that is the same everywhere, and simple enough to be done for many hits at once.
+#[derive(Clone, Copy, Debug)]
+pub enum Plain {
+    /// Reflectances of both sides: [`evaluate`] gives [`Bsdf::Diffuse`], or [`Bsdf::Black`], which is `None`.
+    Diffuse([Option<Rgb>; 2]),
+    /// A smooth interface.
+    Interface(Dielectric),
+}
+
+/// The material as a plain one, if it is.
 #[inline(always)]
-pub fn plain_colors(materials: &[Material], id: MaterialId) -> Option<[Option<Rgb>; 2]> {
+pub fn plain(materials: &[Material], id: MaterialId) -> Option<Plain> {
     let color = |id: MaterialId| match &materials[id.0 as usize] {
         Material::Diffuse { reflectance } => Some(*reflectance),
         _ => None,
     };
     match &materials[id.0 as usize] {
-        Material::TwoSided { front, back } => Some([Some(color(*front)?), Some(color(*back)?)]),
-        Material::Diffuse { reflectance } => Some([Some(*reflectance), None]),
+        Material::TwoSided { front, back } => Some(Plain::Diffuse([Some(color(*front)?), Some(color(*back)?)])),
+        Material::Diffuse { reflectance } => Some(Plain::Diffuse([Some(*reflectance), None])),
+        Material::Dielectric {
+            ior,
+            reflectance: ColorParam::Const(reflectance),
+            transmittance: ColorParam::Const(transmittance),
+            ..
+        } => Some(Plain::Interface(Dielectric { ior: *ior, reflectance: *reflectance, transmittance: *transmittance })),
         _ => None,
     }
 }

@@ -32,14 +32,14 @@ impl Ior {
     }
 
     /// The same interface seen from the other side.
-    #[inline]
+    #[inline(always)]
     pub fn flipped(self) -> Self {
         let inv = 1.0 / self.eta;
         Self { eta: inv, m: -self.m * inv * inv }
     }
 
     /// The interface seen by a direction whose cosine with the outward normal is `cos`.
-    #[inline]
+    #[inline(always)]
     pub fn seen_from(self, cos: f32) -> Self {
         if cos >= 0.0 { self } else { self.flipped() }
     }
@@ -49,29 +49,23 @@ impl Ior {
     /// With `g = η cos θt = √(c² + η² − 1)`, both amplitudes are written without a difference of nearly equal numbers:
     /// `r_s = −(η²−1)/(c+g)²` and `r_p = (η²−1)((η²+1)c² − 1)/(η²c+g)²`. These are the forms in `sin(θi−θt)` and
     /// `tan(θi−θt)` [Born and Wolf 1999, §1.5.2, eq. 21a] with the angles eliminated.
-    #[inline]
+    #[inline(always)]
     pub fn fresnel(self, c: f32) -> Fresnel {
-        if self.m == 0.0 {
-            return Fresnel { r: 0.0, g: c };
-        }
         let g_sq = c * c + self.m;
-        if g_sq <= 0.0 {
-            return Fresnel { r: 1.0, g: 0.0 };
-        }
-        let g = g_sq.sqrt();
-        Fresnel { r: self.reflectance(c, g), g }
+        let total = g_sq <= 0.0;
+        let g = if total { 0.0 } else { g_sq.sqrt() };
+        let r = if total { 1.0 } else { self.reflectance(c, g) };
+        if self.m == 0.0 { Fresnel { r: 0.0, g: c } } else { Fresnel { r, g } }
     }
 
     /// Reflected power for the cosines of a ray that is refracted: `c` on this side, `g = η cos θt`.
-    #[inline]
+    #[inline(always)]
     pub fn reflectance(self, c: f32, g: f32) -> f32 {
-        if self.m == 0.0 {
-            return 0.0;
-        }
         let e = self.eta * self.eta;
         let rs = self.m / sqr(c + g);
         let rp = self.m * ((e + 1.0) * c * c - 1.0) / sqr(e * c + g);
-        (0.5 * (rs * rs + rp * rp)).min(1.0)
+        let r = (0.5 * (rs * rs + rp * rp)).min(1.0);
+        if self.m == 0.0 { 0.0 } else { r }
     }
 }
 

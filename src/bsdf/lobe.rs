@@ -228,7 +228,8 @@ impl Kind {
         match self {
             Self::Lambert(l) => l.sample(wo, u),
             Self::Mirror(l) => l.sample(wo),
-            Self::Dielectric(l) => l.sample(wo, u_lobe, mode),
+            // By `Lobe::sample`, which needs no frame for it.
+            Self::Dielectric(_) => None,
             Self::ThinReflection(l) => l.sample(wo),
             Self::ThinTransmission(l) => l.sample(wo),
             Self::PlasticCoat(l) => l.sample(wo),

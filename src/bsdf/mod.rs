@@ -29,8 +29,9 @@ mod survey;
 mod tests;
 
 pub use check::{MaterialError, check, may_have};
+pub use dielectric::Dielectric;
 pub use diffuse::DiffuseBsdf;
-pub use evaluate::{evaluate, plain_colors};
+pub use evaluate::{Plain, evaluate, plain};
 pub use fresnel::{Fresnel, Ior, diffuse_reflectance, fresnel_conductor};
 pub use ior::{IOR_NAMES, ior_by_name};
 pub use lobe::{Lobe, LobeMask};

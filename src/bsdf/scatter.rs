@@ -1,5 +1,6 @@
 use glam::{Vec2, Vec3};
 
+use super::dielectric::adjoint;
 use super::diffuse::DiffuseBsdf;
 use super::lobe::{Kind, Lobe, LobeMask};
 use crate::color::Rgb;
@@ -318,10 +319,7 @@ impl Local {
     /// Veach's factor for walks that start at a light [Veach 1997, eq. 5.19], 1 otherwise.
     #[inline]
     fn adjoint(&self, mode: Mode) -> f32 {
-        match mode {
-            Mode::Radiance => 1.0,
-            Mode::Importance => (self.wo.z * self.wi_ng / (self.wo_ng * self.wi.z)).abs(),
-        }
+        adjoint((self.wo.z, self.wo_ng), (self.wi.z, self.wi_ng), mode)
     }
 }
 
@@ -381,6 +379,14 @@ impl Lobe {
         if self.class == LobeMask::NULL {
             let weight = self.masked_albedo(wo, LobeMask::NULL);
             return Some(BsdfSample { wi: -wo, weight, pdf: 1.0, lobe: LobeMask::NULL, eta: 1.0, transmit: true });
+        }
+        if let Kind::Dielectric(interface) = &self.kind {
+            let s = interface.sample(self.frame.n, normals.ng, wo, u_lobe, mode)?;
+            return Some(BsdfSample {
+                weight: s.weight * (self.weight * self.shadowing(normals, wo, s.wi, mode)),
+                lobe: self.class,
+                ..s
+            });
         }
         let s = self.kind.sample(self.frame.to_local(wo), u_lobe, u, mode)?;
         let wi = self.frame.to_world(s.wi).normalize();

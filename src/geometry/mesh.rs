@@ -78,6 +78,14 @@ impl TriangleMesh {
         [p[a as usize], p[b as usize], p[c as usize]]
     }
 
+    /// Shading normals of the corners.
+    #[inline(always)]
+    pub fn corner_normals(&self, prim: u32) -> Option<[Vec3; 3]> {
+        let n = self.normals.as_ref()?;
+        let [a, b, c] = self.indices[prim as usize];
+        Some([n[a as usize], n[b as usize], n[c as usize]])
+    }
+
     pub fn bounds(&self) -> Bounds3 {
         Bounds3::from_points(self.positions.as_slice().iter().copied())
     }

@@ -1,6 +1,6 @@
 use glam::{DMat4, DVec3, Vec2, Vec3};
 
-use super::{Hit, Interior, NO_INSTANCE, Ray, Shape};
+use super::{Hit, Interior, NO_INSTANCE, Ray, Shape, TriangleMesh};
 use crate::math::{Bounds3, Transform, gamma};
 
 /// A placed copy of a group of shapes.
@@ -112,13 +112,11 @@ impl GeometrySet {
         self.other_interaction(ray, hit)
     }
 
-    /// The corners of the triangle that was hit and whether its normal is turned, if it shades flat and is not instanced.
+    /// The mesh whose triangle was hit, if it is not instanced.
     #[inline(always)]
-    pub fn flat_triangle(&self, hit: &Hit) -> Option<([Vec3; 3], bool)> {
+    pub fn own_mesh(&self, hit: &Hit) -> Option<&TriangleMesh> {
         match &self.shapes[hit.shape as usize] {
-            Shape::Mesh(mesh) if hit.instance == NO_INSTANCE && mesh.normals.is_none() => {
-                Some((mesh.triangle(hit.prim), mesh.flip_normals))
-            }
+            Shape::Mesh(mesh) if hit.instance == NO_INSTANCE => Some(mesh),
             _ => None,
         }
     }

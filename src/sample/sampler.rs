@@ -85,6 +85,29 @@ impl<const N: usize> Streams<N> {
         (self.dimensions[0][i], self.dimensions[1][i]) = (dimension(stream.dim), dimension(stream.dim.wrapping_add(1)));
     }
 
+    /// Puts a stream that gives a number next, then `skipped` others and then a number, into lane `i`, for
+    /// [`Streams::draw_numbers`].
+    #[inline(always)]
+    pub fn set_numbers(&mut self, i: usize, stream: &Sampler, skipped: u32) {
+        self.set(i, stream);
+        self.dimensions[1][i] = dimension(stream.dim.wrapping_add(1 + skipped));
+    }
+
+    /// The numbers of the first `len` lanes that [`Streams::set_numbers`] has set.
+    #[inline(always)]
+    pub fn draw_numbers(&self, len: usize, numbers: [&mut [f32; N]; 2]) {
+        assert!(len <= N);
+        for (dimensions, numbers) in self.dimensions.iter().zip(numbers) {
+            for i in 0..len {
+                let hash = hash_premixed(self.key[i], dimensions[i]);
+                numbers[i] = to_unit(match self.sequence {
+                    Sequence::Independent => hash_premixed(hash, self.prepared[i]) as u32,
+                    Sequence::Sobol => sobol::sample_1d(self.prepared[i] as u32, hash),
+                });
+            }
+        }
+    }
+
     /// The points of the first `len` lanes, coordinate by coordinate, and the numbers behind them.
     #[inline(always)]
     pub fn draw(&self, len: usize, point: &mut [[f32; N]; 2], number: &mut [f32; N]) {
@@ -291,6 +314,15 @@ mod tests {
             for (i, mut stream) in lanes.into_iter().enumerate() {
                 assert_eq!(Vec2::new(point[0][i], point[1][i]), stream.next_2d());
                 assert_eq!(number[i], stream.next_1d());
+            }
+            let streams_of = |i: usize| at(i).skip(i as u32 * 7);
+            (0..24).for_each(|i| streams.set_numbers(i, &streams_of(i), 1));
+            let [mut first, mut second] = [[0.0; 24]; 2];
+            streams.draw_numbers(24, [&mut first, &mut second]);
+            for i in 0..24 {
+                let mut stream = streams_of(i);
+                let (a, _, b) = (stream.next_1d(), stream.next_2d(), stream.next_1d());
+                assert_eq!([first[i], second[i]], [a, b]);
             }
         }
     }

@@ -8,7 +8,7 @@ use super::nested::Nested;
 use super::xml::{Document, ParseOptions};
 use super::{FilmSettings, IntegratorSettings, NeedOverride, PhotonAims, SamplerSettings, SceneError};
 use crate::accel::{Accel, AccelKind, AccelOptions};
-use crate::bsdf::{self, Bsdf, LobeMask, Material, MaterialId};
+use crate::bsdf::{self, Bsdf, LobeMask, Material, MaterialId, Plain};
 use crate::camera::Camera;
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Hit, Ray, SurfaceInteraction};
@@ -195,14 +195,13 @@ impl Scene {
         bsdf::evaluate(&self.materials, &self.textures, id, si, &self.geometry, self.met(si.near, si.far))
     }
 
-    /// The reflectances of the front and the back of a shape that is Lambertian and of one colour on each side, or absorbs
-    /// all there (`None`); `None` for other materials, and where shapes may overlap.
+    /// The material of a shape if it is a plain one; `None` also where shapes may overlap.
     #[inline(always)]
-    pub fn plain_colors(&self, shape: u32) -> Option<[Option<Rgb>; 2]> {
+    pub fn plain_material(&self, shape: u32) -> Option<Plain> {
         if self.nested.is_some() {
             return None;
         }
-        bsdf::plain_colors(&self.materials, self.shape_materials[shape as usize])
+        bsdf::plain(&self.materials, self.shape_materials[shape as usize])
     }
 
     /// What lights look things up in.

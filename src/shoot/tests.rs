@@ -176,8 +176,8 @@ fn many_paths_at_a_time_are_measured_one_by_one() {
     }
 }
 
-/// Lights of every kind, alone and mixed, over what is two-sided, what is not, a needle and a smooth ball: photons alone, which
-/// are compiled for any processor, are those that start and land together in vectors.
+/// Lights of every kind, alone and mixed, over what is two-sided, what is not, a needle, a ball, waves and glass: photons alone,
+/// which are compiled for any processor, are those that start and land together in vectors.
 #[test]
 fn every_light_starts_many_paths_as_one() {
     let sky = format!("{}/scenes/sky.exr", env!("CARGO_MANIFEST_DIR"));
@@ -202,8 +202,24 @@ fn every_light_starts_many_paths_as_one() {
         <rgb name="reflectance" value="0.2, 0.9, 0.4"/></bsdf></bsdf></shape>"#;
     let ball = r#"<shape type="sphere"><point name="center" x="-1" y="0.6" z="0"/><float name="radius" value="0.3"/>
         <bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
+    // Waves with normals of their own, of glass and of chalk, and a tinted pane that has none.
+    let waves = |y: f32, turn: u32, bsdf: &str| {
+        format!(
+            "<shape type=\"ply\"><string name=\"filename\" value=\"{}/scenes/waves.ply\"/><transform name=\"to_world\">\
+             <scale value=\"0.5\"/><rotate x=\"1\" angle=\"{turn}\"/><translate x=\"1.2\" y=\"{y}\" z=\"-1\"/></transform>{bsdf}</shape>",
+            env!("CARGO_MANIFEST_DIR")
+        )
+    };
+    let chalk =
+        r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.6, 0.4"/></bsdf></bsdf>"#;
+    let pane = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.6"/><rotate x="1" angle="80"/>
+        <translate x="-1" y="1.2" z="1"/></transform><bsdf type="dielectric"><rgb name="specular_transmittance"
+        value="0.9, 0.5, 0.2"/></bsdf></shape>"#;
+    let solids =
+        [needle.to_owned(), ball.to_owned(), waves(0.9, 0, "<bsdf type=\"dielectric\"/>"), waves(0.4, 170, chalk)];
+    let solids = solids.concat() + pane;
     for light in lights.iter().chain([&mixed]) {
-        let scene = scene(&format!("{FLOOR}{needle}{ball}{light}{}", glass(0.0, 0.7, 0.4)));
+        let scene = scene(&format!("{FLOOR}{solids}{light}{}", glass(0.0, 0.7, 0.4)));
         let walk = WalkSettings { max_depth: Some(5), rr_depth: 2, sequence: Sequence::Independent };
         for (target, guided) in [(Target::Global, false), (Target::Caustic, true)] {
             let guide = guided.then(|| Guide::learn(&scene, &settings(1, true, 4096)).expect("glass focuses"));

@@ -5,11 +5,11 @@ use std::ops::Range;
 
 use arrayvec::ArrayVec;
 
-use super::lanes::{Face, Lanes};
+use super::lanes::{DiffuseLanes, Face, InterfaceLanes, Leaving};
 use super::launch::{Departure, Launch};
 use super::{AimCounts, EnergyBalance, Guide, Shot};
 use crate::accel::{self, Task};
-use crate::bsdf::{Bsdf, LobeMask, Mode};
+use crate::bsdf::{Bsdf, LobeMask, Mode, Plain};
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, SurfaceInteraction};
 use crate::math::{Vec2, Vec3};
@@ -135,7 +135,7 @@ pub(super) fn rounding_bits(path: Key, depth: u32) -> u64 {
 
 impl<N> Flight<N> {
     /// Not under way.
-    fn none(sampler: N, key: Key) -> Self {
+    pub fn none(sampler: N, key: Key) -> Self {
         Self {
             ray: Ray::new(Vec3::ZERO, Vec3::Z),
             flux: Rgb::BLACK,
@@ -291,7 +291,7 @@ impl Deposit {
         let mut launch = Launch::new(indices);
         let (mut wave, mut len) = ([Flight::none(Sampler::new(self.walk.sequence, key, 0), key); WAVE], WAVE);
         let mut hits = [None; WAVE];
-        let mut lanes = Lanes::new(&self.walk);
+        let mut lanes = Lanes { diffuse: DiffuseLanes::new(&self.walk), interfaces: InterfaceLanes::new(&self.walk) };
         let far = scene.stats.triangles > NEAR_TRIANGLES;
         let mut ended: ArrayVec<usize, WAVE> = (0..WAVE).rev().collect();
         loop {
@@ -322,17 +322,29 @@ impl Deposit {
                     ended.push(slot);
                 }
             }
-            lanes.run();
-            for i in 0..lanes.len() {
-                let slot = lanes.slot(i);
-                if !self.take_off(scene, &mut wave[slot], &lanes, i) {
-                    ended.push(slot);
+            let Lanes { diffuse, interfaces } = &mut lanes;
+            diffuse.run();
+            for i in 0..diffuse.len() {
+                let leaving = diffuse.leaving(i);
+                if !self.take_off(scene, &mut wave[leaving.slot], diffuse, i) {
+                    ended.push(leaving.slot);
                 }
             }
-            lanes.clear();
+            diffuse.clear();
+            if interfaces.len() > 0 {
+                interfaces.run();
+                for i in 0..interfaces.len() {
+                    let leaving = interfaces.leaving(i);
+                    if !self.go_on(&mut wave[leaving.slot], &leaving) {
+                        ended.push(leaving.slot);
+                    }
+                }
+                interfaces.clear();
+            }
         }
         launch.add_to(self);
-        lanes.add_to(&mut self.balance);
+        lanes.diffuse.add_to(&mut self.balance);
+        lanes.interfaces.add_to(&mut self.balance);
     }
 
     /// Starts photon path `index` by the numbers of `flight`, into it: where, and whether its photon is on its way, which one
@@ -385,7 +397,7 @@ impl Deposit {
         self.scatter(scene, flight, &si, &scene.bsdf(&si))
     }
 
-    /// As [`Deposit::land`], but leaves diffuse surfaces to `lanes`, and to [`Deposit::take_off`] after them.
+    /// As [`Deposit::land`], but leaves plain surfaces to `lanes`, and to [`Deposit::take_off`] and [`Deposit::go_on`] after them.
     #[inline(always)]
     fn land_in(
         &mut self,
@@ -400,20 +412,39 @@ impl Deposit {
             return false;
         };
         flight.meet(hit.shape);
-        let diffuse_goes_on = self.target != Target::Caustic && !self.is_cut(flight);
-        if diffuse_goes_on
-            && let Some((colors, (corners, flipped))) =
-                scene.plain_colors(hit.shape).zip(scene.geometry.flat_triangle(hit))
-        {
-            lanes.push_face(slot, flight, &Face { corners, weights: [hit.u, hit.v], d: flight.ray.d, flipped, colors });
-            return true;
+        let goes_on = !self.is_cut(flight);
+        let diffuse_goes_on = goes_on && self.target != Target::Caustic;
+        let plain = if goes_on { scene.plain_material(hit.shape) } else { None };
+        if let (Some(plain), Some(mesh)) = (&plain, scene.geometry.own_mesh(hit)) {
+            let face = Face {
+                corners: mesh.triangle(hit.prim),
+                normals: mesh.corner_normals(hit.prim),
+                weights: [hit.u, hit.v],
+                d: flight.ray.d,
+                flipped: mesh.flip_normals,
+            };
+            match plain {
+                Plain::Diffuse(colors) if diffuse_goes_on => {
+                    lanes.diffuse.push_face(slot, flight, &face, colors);
+                    return true;
+                }
+                Plain::Interface(interface) => {
+                    lanes.interfaces.push_face(slot, flight, &face, interface);
+                    return true;
+                }
+                Plain::Diffuse(_) => {}
+            }
         }
         let si = scene.interaction(&flight.ray, hit);
+        if let Some(Plain::Interface(interface)) = &plain {
+            lanes.interfaces.push(slot, flight, &si, interface);
+            return true;
+        }
         let bsdf = scene.bsdf(&si);
         match bsdf {
             Bsdf::Diffuse(diffuse) if diffuse_goes_on => {
                 flight.ray.inside = si.near;
-                lanes.push(slot, flight, &si, &diffuse);
+                lanes.diffuse.push(slot, flight, &si, &diffuse);
                 true
             }
             // A copy, so that the other case needs nothing in memory.
@@ -421,24 +452,29 @@ impl Deposit {
         }
     }
 
-    /// Stores and sends on a photon from `lanes`. False when its path ends there.
+    /// Stores and sends on a photon from a diffuse surface. False when its path ends there.
     #[inline(always)]
-    fn take_off(&mut self, scene: &Scene, flight: &mut Flight, lanes: &Lanes, i: usize) -> bool {
-        let fate = lanes.fate(i);
-        if self.wants(flight) && !fate.is_lost() {
+    fn take_off(&mut self, scene: &Scene, flight: &mut Flight, lanes: &DiffuseLanes, i: usize) -> bool {
+        let leaving = lanes.leaving(i);
+        if self.wants(flight) && !leaving.fate.is_lost() {
             match lanes.photon(i) {
                 Some((photon, power)) => self.keep(scene, photon, power, flight),
                 None => self.rejected += 1,
             }
         }
+        (flight.specular_chain, flight.scattered, flight.narrow) = (false, true, false);
+        self.go_on(flight, &leaving)
+    }
+
+    /// Sends on a photon that `lanes` have scattered. False when its path ends there.
+    #[inline(always)]
+    fn go_on(&mut self, flight: &mut Flight, &Leaving { ray: (o, d), flux, fate, .. }: &Leaving) -> bool {
         self.rejected += fate.is_not_finite() as u64;
         if fate.played() {
             flight.sampler.next_1d();
         }
-        let (o, d, flux) = lanes.next(i);
         flight.ray = Ray { inside: flight.ray.inside, ..Ray::new(o, d) };
         flight.flux = flux;
-        (flight.specular_chain, flight.scattered, flight.narrow) = (false, true, false);
         fate.goes_on()
     }
 
@@ -543,6 +579,12 @@ impl Deposit {
         self.photons.push(photon);
         self.owners.push(flight.number);
     }
+}
+
+/// The photons of a wave that have met plain surfaces.
+struct Lanes {
+    diffuse: DiffuseLanes,
+    interfaces: InterfaceLanes,
 }
 
 /// Chooses between the narrow lobes of a surface and its others, where it has both, by their albedos; the probability. Drawn
