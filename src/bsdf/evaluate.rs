@@ -1,7 +1,7 @@
 use arrayvec::ArrayVec;
 use glam::Vec3;
 
-use super::conductor::Mirror;
+use super::conductor::{Metal, Mirror};
 use super::dielectric::{Dielectric, ThinReflection, ThinTransmission};
 use super::diffuse::{DiffuseBsdf, Lambert};
 use super::lobe::{Kind, Lobe};
@@ -63,17 +63,22 @@ pub enum Plain {
     Diffuse([Option<Rgb>; 2]),
     /// A smooth interface.
     Interface(Dielectric),
+    /// A conductor, and whether it is one on both sides.
+    Metal((Metal, bool)),
 }
 
-/// The material as a plain one, if it is.
-#[inline(always)]
-pub fn plain(materials: &[Material], id: MaterialId) -> Option<Plain> {
+/// Of all materials those that are plain.
+pub fn plain(materials: &[Material]) -> Vec<Option<Plain>> {
     let color = |id: MaterialId| match &materials[id.0 as usize] {
         Material::Diffuse { reflectance } => Some(*reflectance),
         _ => None,
     };
-    match &materials[id.0 as usize] {
-        Material::TwoSided { front, back } => Some(Plain::Diffuse([Some(color(*front)?), Some(color(*back)?)])),
+    let plain = |material: &Material| match material {
+        Material::TwoSided { front, back } => match (color(*front), color(*back)) {
+            (Some(a), Some(b)) => Some(Plain::Diffuse([Some(a), Some(b)])),
+            _ if front == back => plain_metal(&materials[front.0 as usize], true),
+            _ => None,
+        },
         Material::Diffuse { reflectance } => Some(Plain::Diffuse([Some(*reflectance), None])),
         Material::Dielectric {
             ior,
@@ -81,8 +86,20 @@ pub fn plain(materials: &[Material], id: MaterialId) -> Option<Plain> {
             transmittance: ColorParam::Const(transmittance),
             ..
         } => Some(Plain::Interface(Dielectric { ior: *ior, reflectance: *reflectance, transmittance: *transmittance })),
-        _ => None,
-    }
+        material => plain_metal(material, false),
+    };
+    materials.iter().map(plain).collect()
+}
+
+/// A conductor without textures as [`Metal`].
+fn plain_metal(material: &Material, two_sided: bool) -> Option<Plain> {
+    let (alpha, colors) = match material {
+        Material::Conductor { eta, k, specular } => (0.0, (eta, k, specular)),
+        Material::RoughConductor { roughness, eta, k, specular } => (roughness.plain_ggx()?, (eta, k, specular)),
+        _ => return None,
+    };
+    let (&ColorParam::Const(eta), &ColorParam::Const(k), &ColorParam::Const(specular)) = colors else { return None };
+    Some(Plain::Metal((Metal { alpha, eta, k, specular }, two_sided)))
 }
 
 /// [`evaluate`] of a material that is not diffuse, from where its two-sided shells end: the nested material, whether the

@@ -71,12 +71,12 @@ impl Ior {
 
 /// Reflected power of a conductor with complex index `η + ik` (relative to the outside) at cosine `c`, per channel
 /// [Born and Wolf 1999, §14.2; in the real form of Gulbrandsen's and Lagarde's notes].
-#[inline]
+#[inline(always)]
 pub fn fresnel_conductor(c: f32, eta: Rgb, k: Rgb) -> Rgb {
     eta.zip(k, |eta, k| fresnel_conductor_1(c, eta, k))
 }
 
-#[inline]
+#[inline(always)]
 fn fresnel_conductor_1(c: f32, eta: f32, k: f32) -> f32 {
     let c_sq = c * c;
     let s_sq = (1.0 - c_sq).max(0.0);

@@ -227,9 +227,8 @@ impl Kind {
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, mode: Mode) -> Option<LobeSample> {
         match self {
             Self::Lambert(l) => l.sample(wo, u),
-            Self::Mirror(l) => l.sample(wo),
-            // By `Lobe::sample`, which needs no frame for it.
-            Self::Dielectric(_) => None,
+            // By `Lobe::sample`, which needs no frame for them.
+            Self::Mirror(_) | Self::Dielectric(_) => None,
             Self::ThinReflection(l) => l.sample(wo),
             Self::ThinTransmission(l) => l.sample(wo),
             Self::PlasticCoat(l) => l.sample(wo),

@@ -84,6 +84,18 @@ impl Roughness {
     pub fn isotropic(distribution: Distribution, alpha: FloatParam) -> Self {
         Self { distribution, alpha_u: alpha, alpha_v: alpha }
     }
+
+    /// The roughness of facets by GGX that is the same everywhere and in all directions; 0 where it counts as smooth.
+    pub(super) fn plain_ggx(&self) -> Option<f32> {
+        match *self {
+            Self { distribution: Distribution::Ggx, alpha_u: FloatParam::Const(u), alpha_v: FloatParam::Const(v) }
+                if u == v =>
+            {
+                Some(if u >= DELTA_ALPHA { u } else { 0.0 })
+            }
+            _ => None,
+        }
+    }
 }
 
 /// Parameters of the smooth plastic, with what can be computed once.

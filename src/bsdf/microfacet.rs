@@ -5,7 +5,7 @@
 
 use glam::{Vec2, Vec3};
 
-use crate::math::{INV_PI, safe_sqrt};
+use crate::math::{INV_PI, safe_sqrt, sin_cos_turns};
 
 /// Shape of a normal distribution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,7 +27,7 @@ pub struct Microfacet {
 
 impl Microfacet {
     /// Density of microfacet area per steradian around `m`: `D(m)`.
-    #[inline]
+    #[inline(always)]
     pub fn d(&self, m: Vec3) -> f32 {
         if m.z <= 0.0 {
             return 0.0;
@@ -48,7 +48,7 @@ impl Microfacet {
     }
 
     /// `G₁(v)/|cos θ_v|` [Heitz 2014, eqs. 43 and 72–80], finite down to the horizon.
-    #[inline]
+    #[inline(always)]
     pub fn g1_over_cos(&self, v: Vec3) -> f32 {
         let z = v.z.abs();
         let s_sq = (self.ax * v.x) * (self.ax * v.x) + (self.ay * v.y) * (self.ay * v.y);
@@ -68,7 +68,7 @@ impl Microfacet {
     }
 
     /// Share of the facets facing `v` that `v` sees; 0 if `m` faces away from it.
-    #[inline]
+    #[inline(always)]
     pub fn g1(&self, v: Vec3, m: Vec3) -> f32 {
         if v.dot(m) * v.z > 0.0 { (self.g1_over_cos(v) * v.z.abs()).min(1.0) } else { 0.0 }
     }
@@ -76,13 +76,22 @@ impl Microfacet {
     /// A normal among those that `wo` (`wo.z > 0`) sees; its density is `G₁(wo) D(m) (wo·m)/cos θo`.
     #[inline]
     pub fn sample_visible(&self, wo: Vec3, u: Vec2) -> Vec3 {
-        // Stretch to unit roughness.
-        let v = Vec3::new(self.ax * wo.x, self.ay * wo.y, wo.z).normalize();
-        let m = match self.distribution {
-            Distribution::Ggx => sample_ggx(v, u),
-            Distribution::Beckmann => sample_beckmann(v, u),
-        };
-        // And back.
+        match self.distribution {
+            Distribution::Ggx => self.sample_visible_ggx(wo, u),
+            Distribution::Beckmann => self.stretched(wo, |v| sample_beckmann(v, u)),
+        }
+    }
+
+    /// [`Microfacet::sample_visible`] of GGX.
+    #[inline(always)]
+    pub fn sample_visible_ggx(&self, wo: Vec3, u: Vec2) -> Vec3 {
+        self.stretched(wo, |v| sample_ggx(v, u))
+    }
+
+    /// A normal seen from `wo`, given how to sample one of unit roughness.
+    #[inline(always)]
+    fn stretched(&self, wo: Vec3, sample: impl Fn(Vec3) -> Vec3) -> Vec3 {
+        let m = sample(Vec3::new(self.ax * wo.x, self.ay * wo.y, wo.z).normalize());
         Vec3::new(self.ax * m.x, self.ay * m.y, m.z).normalize()
     }
 
@@ -94,12 +103,13 @@ impl Microfacet {
 }
 
 /// Visible normal of the unit hemisphere: reflection of a point in a spherical cap [Dupuy and Benyoub 2023].
-#[inline]
+#[inline(always)]
 fn sample_ggx(v: Vec3, u: Vec2) -> Vec3 {
     // A point on the cap z > −v.z, uniform in area.
     let z = (1.0 - u.y) * (1.0 + v.z) - v.z;
     let r = safe_sqrt((1.0 - z) * (1.0 + z));
-    let cap = (r * Vec2::from_angle(std::f32::consts::TAU * u.x)).extend(z);
+    let (sin, cos) = sin_cos_turns(u.x);
+    let cap = Vec3::new(r * cos, r * sin, z);
     let h = cap + v;
     Vec3::new(h.x, h.y, h.z.max(0.0))
 }

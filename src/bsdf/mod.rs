@@ -29,6 +29,7 @@ mod survey;
 mod tests;
 
 pub use check::{MaterialError, check, may_have};
+pub use conductor::Metal;
 pub use dielectric::Dielectric;
 pub use diffuse::DiffuseBsdf;
 pub use evaluate::{Plain, evaluate, plain};

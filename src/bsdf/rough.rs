@@ -1,10 +1,11 @@
 use glam::{Vec2, Vec3};
 
 use super::Mode;
+use super::conductor::Metal;
 use super::dielectric::{reflect_probability, refraction_scale};
 use super::fresnel::{Ior, fresnel_conductor};
 use super::lobe::LobeSample;
-use super::microfacet::Microfacet;
+use super::microfacet::{Distribution, Microfacet};
 use crate::color::Rgb;
 use crate::math::sqr;
 
@@ -17,13 +18,13 @@ pub(super) fn half_vector(wo: Vec3, wi: Vec3) -> Option<Vec3> {
 }
 
 /// Density per steradian of reflecting `wo` at a visible normal `m`: `G₁(wo) D(m) / (4 cos θo)`.
-#[inline]
+#[inline(always)]
 pub(super) fn reflection_pdf(facets: &Microfacet, wo: Vec3, m: Vec3) -> f32 {
     0.25 * facets.d(m) * facets.g1_over_cos(wo)
 }
 
 /// Reflection of `w` at a normal `m`.
-#[inline]
+#[inline(always)]
 pub(super) fn reflect(w: Vec3, m: Vec3) -> Vec3 {
     2.0 * w.dot(m) * m - w
 }
@@ -61,6 +62,13 @@ impl RoughConductor {
     #[inline]
     pub fn albedo(&self, wo: Vec3) -> Rgb {
         if wo.z > 0.0 { self.reflectance(wo.z) } else { Rgb::BLACK }
+    }
+
+    /// The same as [`Metal`], where it is one.
+    #[inline]
+    pub fn metal(&self) -> Option<Metal> {
+        let Self { facets: Microfacet { distribution, ax, ay }, eta, k, specular } = *self;
+        (distribution == Distribution::Ggx && ax == ay).then_some(Metal { alpha: ax, eta, k, specular })
     }
 }
 

@@ -380,13 +380,20 @@ impl Lobe {
             let weight = self.masked_albedo(wo, LobeMask::NULL);
             return Some(BsdfSample { wi: -wo, weight, pdf: 1.0, lobe: LobeMask::NULL, eta: 1.0, transmit: true });
         }
-        if let Kind::Dielectric(interface) = &self.kind {
-            let s = interface.sample(self.frame.n, normals.ng, wo, u_lobe, mode)?;
-            return Some(BsdfSample {
-                weight: s.weight * (self.weight * self.shadowing(normals, wo, s.wi, mode)),
-                lobe: self.class,
-                ..s
-            });
+        // What is the same in all directions needs no tangents.
+        let (ns, ng) = (self.frame.n, normals.ng);
+        let plain = match &self.kind {
+            Kind::Dielectric(interface) => Some(interface.sample(ns, ng, wo, u_lobe, mode)?),
+            Kind::Mirror(mirror) => Some(mirror.metal().sample(ns, ng, wo, u, mode)?),
+            Kind::RoughConductor(rough) => match rough.metal() {
+                Some(metal) => Some(metal.sample(ns, ng, wo, u, mode)?),
+                None => None,
+            },
+            _ => None,
+        };
+        if let Some(s) = plain {
+            let weight = s.weight * (self.weight * self.shadowing(normals, wo, s.wi, mode));
+            return Some(BsdfSample { weight, lobe: self.class, ..s });
         }
         let s = self.kind.sample(self.frame.to_local(wo), u_lobe, u, mode)?;
         let wi = self.frame.to_world(s.wi).normalize();

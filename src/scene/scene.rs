@@ -60,6 +60,8 @@ pub struct Scene {
     pub geometry: Arc<GeometrySet>,
     pub accel: Accel,
     pub materials: Vec<Material>,
+    /// Which of them are plain; empty where shapes may overlap.
+    pub(super) plain: Vec<Option<Plain>>,
     pub textures: Textures,
     /// The material of each shape.
     pub shape_materials: Vec<MaterialId>,
@@ -197,11 +199,8 @@ impl Scene {
 
     /// The material of a shape if it is a plain one; `None` also where shapes may overlap.
     #[inline(always)]
-    pub fn plain_material(&self, shape: u32) -> Option<Plain> {
-        if self.nested.is_some() {
-            return None;
-        }
-        bsdf::plain(&self.materials, self.shape_materials[shape as usize])
+    pub fn plain_material(&self, shape: u32) -> Option<&Plain> {
+        self.plain.get(self.shape_materials[shape as usize].0 as usize)?.as_ref()
     }
 
     /// What lights look things up in.

@@ -16,10 +16,11 @@ const NONE: u32 = u32::MAX;
 /// Paths of one light from which on they are done together.
 const FEW: u32 = 4;
 
-/// A path that starts: its number, its ray and its flux.
+/// A path that starts: its number, its key, its ray and its flux.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Departure {
     pub index: u64,
+    pub path: Key,
     pub o: Vec3,
     pub d: Vec3,
     pub flux: Rgb,
@@ -34,6 +35,7 @@ pub(super) struct Launch {
     first: u64,
     left: u32,
     light: [u32; STARTS],
+    path: [Key; STARTS],
     /// Those without a light keep what others have left there.
     starts: Starts,
     of_one_light: Starts,
@@ -53,6 +55,7 @@ impl Launch {
             waiting: paths,
             left: 0,
             light: [NONE; STARTS],
+            path: [Key(0); STARTS],
             starts: Starts::ZERO,
             of_one_light: Starts::ZERO,
             emitted: Sums::ZERO,
@@ -81,7 +84,7 @@ impl Launch {
         let i = self.left.trailing_zeros();
         self.left &= self.left - 1;
         let (o, d, flux) = self.starts.get(i as usize);
-        Some(Departure { index: self.first + i as u64, o, d, flux })
+        Some(Departure { index: self.first + i as u64, path: self.path[i as usize], o, d, flux })
     }
 
     /// Tells what became of the paths that were prepared, but for those that [`Launch::next`] gave out.
@@ -98,6 +101,9 @@ impl Launch {
         self.first = self.waiting.start;
         let len = (self.waiting.end - self.first).min(STARTS as u64) as usize;
         self.waiting.start += len as u64;
+        for (path, index) in self.path.iter_mut().zip(self.first..) {
+            *path = key.with(index);
+        }
         let mut u = [[0.0; STARTS]; 5];
         Sampler::first_of_many(sequence, key, self.first, &mut u);
         let mut numbers = StartNumbers { pos: [u[1], u[2]], dir: [u[3], u[4]] };

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use arrayvec::ArrayVec;
 
-use super::lanes::{DiffuseLanes, Face, InterfaceLanes, Leaving};
+use super::lanes::{DiffuseLanes, Face, InterfaceLanes, Leaving, MetalLanes, Sums};
 use super::launch::{Departure, Launch};
 use super::{AimCounts, EnergyBalance, Guide, Shot};
 use crate::accel::{self, Task};
@@ -95,7 +95,7 @@ pub struct Start {
 }
 
 /// Photons under way at a time in [`Deposit::trace_all`].
-pub(super) const WAVE: usize = 64;
+pub(super) const WAVE: usize = 128;
 
 /// Triangles that fit into the caches with all that is known about them.
 const NEAR_TRIANGLES: u64 = 1 << 15;
@@ -152,10 +152,10 @@ impl<N> Flight<N> {
 
     /// Puts a path on its way, all but its numbers.
     #[inline(always)]
-    fn depart(&mut self, scene: &Scene, key: Key, &Departure { index, o, d, flux }: &Departure, number: u32) {
+    fn depart(&mut self, scene: &Scene, &Departure { path, o, d, flux, .. }: &Departure, number: u32) {
         self.ray = scene.from_light(Ray::new(o, d));
         self.flux = flux;
-        (self.number, self.path, self.first, self.depth) = (number, key.with(index), u32::MAX, 0);
+        (self.number, self.path, self.first, self.depth) = (number, path, u32::MAX, 0);
         (self.specular_chain, self.scattered, self.narrow) = (true, false, false);
     }
 
@@ -291,7 +291,12 @@ impl Deposit {
         let mut launch = Launch::new(indices);
         let (mut wave, mut len) = ([Flight::none(Sampler::new(self.walk.sequence, key, 0), key); WAVE], WAVE);
         let mut hits = [None; WAVE];
-        let mut lanes = Lanes { diffuse: DiffuseLanes::new(&self.walk), interfaces: InterfaceLanes::new(&self.walk) };
+        let mut lanes = Lanes {
+            diffuse: DiffuseLanes::new(&self.walk),
+            interfaces: InterfaceLanes::new(&self.walk),
+            metals: MetalLanes::new(&self.walk),
+            escaped: Sums::ZERO,
+        };
         let far = scene.stats.triangles > NEAR_TRIANGLES;
         let mut ended: ArrayVec<usize, WAVE> = (0..WAVE).rev().collect();
         loop {
@@ -299,7 +304,7 @@ impl Deposit {
             while let Some(&slot) = ended.last() {
                 let stream = (self.walk.sequence, key);
                 let Some(departure) = launch.next(scene, guide, stream, self.inv_emitted) else { break };
-                wave[slot].depart(scene, key, &departure, (departure.index - first) as u32);
+                wave[slot].depart(scene, &departure, (departure.index - first) as u32);
                 // Emission has used the first number and the two points behind it.
                 wave[slot].sampler = Sampler::new(self.walk.sequence, key, departure.index).skip(3);
                 ended.pop();
@@ -322,7 +327,7 @@ impl Deposit {
                     ended.push(slot);
                 }
             }
-            let Lanes { diffuse, interfaces } = &mut lanes;
+            let Lanes { diffuse, interfaces, metals, .. } = &mut lanes;
             diffuse.run();
             for i in 0..diffuse.len() {
                 let leaving = diffuse.leaving(i);
@@ -341,10 +346,22 @@ impl Deposit {
                 }
                 interfaces.clear();
             }
+            if metals.len() > 0 {
+                metals.run();
+                for i in 0..metals.len() {
+                    let slot = metals.leaving(i).slot;
+                    if !self.reflect(scene, &mut wave[slot], metals, i) {
+                        ended.push(slot);
+                    }
+                }
+                metals.clear();
+            }
         }
         launch.add_to(self);
         lanes.diffuse.add_to(&mut self.balance);
         lanes.interfaces.add_to(&mut self.balance);
+        lanes.metals.add_to(&mut self.balance);
+        lanes.escaped.add_to(&mut self.balance.escaped);
     }
 
     /// Starts photon path `index` by the numbers of `flight`, into it: where, and whether its photon is on its way, which one
@@ -380,7 +397,7 @@ impl Deposit {
             return Some((start, false));
         }
         EnergyBalance::add(&mut self.balance.emitted, flux);
-        flight.depart(scene, key, &Departure { index, o, d, flux }, 0);
+        flight.depart(scene, &Departure { index, path: key.with(index), o, d, flux }, 0);
         Some((start, true))
     }
 
@@ -397,7 +414,8 @@ impl Deposit {
         self.scatter(scene, flight, &si, &scene.bsdf(&si))
     }
 
-    /// As [`Deposit::land`], but leaves plain surfaces to `lanes`, and to [`Deposit::take_off`] and [`Deposit::go_on`] after them.
+    /// As [`Deposit::land`], but leaves plain surfaces to `lanes`, and to [`Deposit::take_off`], [`Deposit::reflect`] and
+    /// [`Deposit::go_on`] after them.
     #[inline(always)]
     fn land_in(
         &mut self,
@@ -408,37 +426,39 @@ impl Deposit {
         lanes: &mut Lanes,
     ) -> bool {
         let Some(hit) = hit else {
-            EnergyBalance::add(&mut self.balance.escaped, flight.flux);
+            lanes.escaped.add(slot, flight.flux);
             return false;
         };
         flight.meet(hit.shape);
         let goes_on = !self.is_cut(flight);
         let diffuse_goes_on = goes_on && self.target != Target::Caustic;
+        // Caustic photons end on what is not specular.
         let plain = if goes_on { scene.plain_material(hit.shape) } else { None };
-        if let (Some(plain), Some(mesh)) = (&plain, scene.geometry.own_mesh(hit)) {
-            let face = Face {
-                corners: mesh.triangle(hit.prim),
-                normals: mesh.corner_normals(hit.prim),
-                weights: [hit.u, hit.v],
-                d: flight.ray.d,
-                flipped: mesh.flip_normals,
-            };
+        let plain = plain.filter(|plain| match plain {
+            Plain::Interface(_) => true,
+            Plain::Metal((metal, _)) => diffuse_goes_on || metal.class().intersects(LobeMask::SPECULAR),
+            Plain::Diffuse(_) => diffuse_goes_on,
+        });
+        if let (Some(plain), Some(mesh)) = (plain, scene.geometry.own_mesh(hit)) {
+            let face = Face { mesh, prim: hit.prim, weights: [hit.u, hit.v], d: flight.ray.d };
             match plain {
-                Plain::Diffuse(colors) if diffuse_goes_on => {
-                    lanes.diffuse.push_face(slot, flight, &face, colors);
-                    return true;
-                }
-                Plain::Interface(interface) => {
-                    lanes.interfaces.push_face(slot, flight, &face, interface);
-                    return true;
-                }
-                Plain::Diffuse(_) => {}
+                Plain::Diffuse(colors) => lanes.diffuse.push_face(slot, flight, &face, colors),
+                Plain::Interface(interface) => lanes.interfaces.push_face(slot, flight, &face, interface),
+                Plain::Metal(metal) => lanes.metals.push_face(slot, flight, &face, metal),
             }
+            return true;
         }
         let si = scene.interaction(&flight.ray, hit);
-        if let Some(Plain::Interface(interface)) = &plain {
-            lanes.interfaces.push(slot, flight, &si, interface);
-            return true;
+        match plain {
+            Some(Plain::Interface(interface)) => {
+                lanes.interfaces.push(slot, flight, &si, interface);
+                return true;
+            }
+            Some(Plain::Metal(metal)) => {
+                lanes.metals.push(slot, flight, &si, metal);
+                return true;
+            }
+            _ => {}
         }
         let bsdf = scene.bsdf(&si);
         match bsdf {
@@ -463,6 +483,23 @@ impl Deposit {
             }
         }
         (flight.specular_chain, flight.scattered, flight.narrow) = (false, true, false);
+        self.go_on(flight, &leaving)
+    }
+
+    /// Stores, where its lobe is wide, and sends on a photon from a conductor. False when its path ends there.
+    #[inline(always)]
+    fn reflect(&mut self, scene: &Scene, flight: &mut Flight, lanes: &MetalLanes, i: usize) -> bool {
+        let (leaving, class) = (lanes.leaving(i), lanes.class(i));
+        if class.intersects(LobeMask::SMOOTH_WIDE) {
+            if self.wants(flight) && !leaving.fate.is_lost() {
+                match lanes.photon(i) {
+                    Some((photon, power)) => self.keep(scene, photon, power, flight),
+                    None => self.rejected += 1,
+                }
+            }
+            (flight.specular_chain, flight.scattered) = (false, true);
+            flight.narrow = self.target == Target::Indirect && class.intersects(LobeMask::NARROW);
+        }
         self.go_on(flight, &leaving)
     }
 
@@ -585,6 +622,9 @@ impl Deposit {
 struct Lanes {
     diffuse: DiffuseLanes,
     interfaces: InterfaceLanes,
+    metals: MetalLanes,
+    /// What left the scene, by the place in the wave: sums that need not wait for each other.
+    escaped: Sums<WAVE>,
 }
 
 /// Chooses between the narrow lobes of a surface and its others, where it has both, by their albedos; the probability. Drawn

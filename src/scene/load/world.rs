@@ -158,6 +158,8 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     })?;
     let accel = Accel::build_with(options.accel, options.accel_options, geometry.clone())
         .map_err(|e| SceneError::at(&doc.node(doc.root()).pos, e.to_string()))?;
+    // Where shapes may overlap, a surface is not what its material says.
+    let plain = if nested.is_none() { bsdf::plain(&loader.materials) } else { Vec::new() };
     let mut scene = Scene {
         accel,
         shape_materials: placed.materials,
@@ -180,6 +182,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         hash: doc.hash().to_hex().to_string(),
         warnings: doc.warnings(),
         materials: loader.materials,
+        plain,
         textures: loader.textures,
         geometry,
         nested,

@@ -1,38 +1,28 @@
 //! Photons on diffuse surfaces.
 
 use super::faces::Faces;
+use super::records::Records;
 use super::{Arrivals, Batch, Departures, Face, Lane, Leaving, Triples, choose};
 use crate::bsdf::{DiffuseBsdf, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
 use crate::math::{Vec2, Vec3};
-use crate::photon::{Level, Photon, PhotonClass, PhotonRecord, Simd, Task};
-use crate::sample::{Key, Streams};
+use crate::photon::{Level, Photon, Simd, Task};
+use crate::sample::Streams;
 use crate::shoot::EnergyBalance;
-use crate::shoot::walk::{Flight, Stamp, WAVE, WalkSettings, rounding_bits};
+use crate::shoot::walk::{Flight, WAVE, WalkSettings};
 
 /// The photons of a wave that have met a diffuse surface.
 #[derive(Debug)]
 pub(in crate::shoot) struct DiffuseLanes {
     level: Level,
     batch: Batch,
-    stamps: Stamps,
+    records: Records,
     surfaces: Surfaces,
     // Random numbers: the direction and that of the roulette, and where they come from.
     streams: Streams<WAVE>,
     u: [Lane; 2],
     u_roulette: Lane,
-    packed: Packed,
-}
-
-/// What photons tell of their paths.
-#[derive(Debug)]
-struct Stamps {
-    class: [PhotonClass; WAVE],
-    mark: [bool; WAVE],
-    path: [Key; WAVE],
-    /// Random bits for packing.
-    bits: [u64; WAVE],
 }
 
 /// Diffuse surfaces.
@@ -49,28 +39,13 @@ struct Surfaces {
     lost: [u32; WAVE],
 }
 
-/// Photons as they are stored, but for their places.
-#[derive(Debug)]
-struct Packed {
-    power: [u32; WAVE],
-    /// Direction and flags.
-    tail: [u32; WAVE],
-    /// 1 if it can be stored.
-    fits: [u32; WAVE],
-}
-
 impl DiffuseLanes {
     pub fn new(walk: &WalkSettings) -> Self {
         let zero = Triples::ZERO;
         Self {
             level: Level::best(),
             batch: Batch::new(walk.rr_depth),
-            stamps: Stamps {
-                class: [PhotonClass::Global; WAVE],
-                mark: [false; WAVE],
-                path: [Key(0); WAVE],
-                bits: [0; WAVE],
-            },
+            records: Records::new(),
             surfaces: Surfaces {
                 ns: zero,
                 ng: zero,
@@ -82,7 +57,6 @@ impl DiffuseLanes {
             streams: Streams::new(walk.sequence),
             u: [[0.0; WAVE]; 2],
             u_roulette: [0.0; WAVE],
-            packed: Packed { power: [0; WAVE], tail: [0; WAVE], fits: [0; WAVE] },
         }
     }
 
@@ -129,8 +103,7 @@ impl DiffuseLanes {
     #[inline(always)]
     fn push_photon(&mut self, slot: usize, flight: &mut Flight) -> usize {
         let i = self.batch.push(slot, flight);
-        let (s, Stamp { class, mark }) = (&mut self.stamps, flight.stamp());
-        (s.class[i], s.mark[i], s.path[i]) = (class, mark, flight.path);
+        self.records.set(i, flight);
         // There is one lobe: the number that chooses it is not needed.
         self.streams.set(i, &flight.sampler.skip(1));
         flight.sampler = flight.sampler.skip(2);
@@ -145,9 +118,7 @@ impl DiffuseLanes {
     /// Photon `i` as it is stored, with its power in its largest channel; `None` if it cannot be.
     #[inline(always)]
     pub fn photon(&self, i: usize) -> Option<(Photon, f32)> {
-        let (packed, a) = (&self.packed, &self.batch.arrivals);
-        let photon = Photon::from_words(a.p.get(i), [packed.power[i], packed.tail[i]]);
-        (packed.fits[i] != 0).then(|| (photon, a.flux.color(i).max_channel()))
+        self.records.photon(i, &self.batch.arrivals)
     }
 
     #[inline(always)]
@@ -158,16 +129,6 @@ impl DiffuseLanes {
     /// Adds what all photons together have lost.
     pub fn add_to(&self, balance: &mut EnergyBalance) {
         self.batch.add_to(balance);
-    }
-}
-
-impl Stamps {
-    #[inline(always)]
-    fn draw(&mut self, depth: &[u32; WAVE], lanes: usize) {
-        assert!(lanes <= WAVE);
-        for ((bits, path), depth) in self.bits[..lanes].iter_mut().zip(&self.path).zip(depth) {
-            *bits = rounding_bits(*path, *depth);
-        }
     }
 }
 
@@ -186,30 +147,6 @@ impl Surfaces {
             let color = Vec3::new(choose(front, a.x, b.x), choose(front, a.y, b.y), choose(front, a.z, b.z));
             self.reflectance.set_where(mask, i, color);
             self.lost[i] = mask & (front & self.black[0][i] | !front & self.black[1][i]);
-        }
-    }
-}
-
-impl Packed {
-    #[inline(always)]
-    fn pack(&mut self, a: &Arrivals, stamps: &Stamps, lanes: usize) {
-        assert!(lanes <= WAVE);
-        for i in 0..lanes {
-            let (wi, normal) = (a.wo.get(i), a.ng.get(i));
-            let record = PhotonRecord {
-                p: a.p.get(i),
-                power: a.flux.color(i),
-                wi,
-                normal,
-                side: wi.dot(normal) > 0.0,
-                class: stamps.class[i],
-                mark: stamps.mark[i],
-            };
-            let (words, fits) = match Photon::pack_words(&record, stamps.bits[i]) {
-                Ok(words) => (words, 1),
-                Err(_) => ([0; 2], 0),
-            };
-            (self.power[i], self.tail[i], self.fits[i]) = (words[0], words[1], fits);
         }
     }
 }
@@ -241,12 +178,11 @@ impl Task for Step<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let DiffuseLanes { batch, stamps, surfaces, streams, u, u_roulette, packed, .. } = self.0;
+        let DiffuseLanes { batch, records, surfaces, streams, u, u_roulette, .. } = self.0;
         let lanes = batch.land();
         surfaces.choose_sides(&batch.arrivals, &batch.faces, lanes);
         streams.draw(lanes, u, u_roulette);
-        stamps.draw(&batch.arrivals.depth, lanes);
-        packed.pack(&batch.arrivals, stamps, lanes);
+        records.pack(&batch.arrivals, lanes);
         let arrivals = (&batch.arrivals, &*surfaces);
         scatter(&mut batch.departures, arrivals, (u, u_roulette), batch.rr_depth, lanes);
         batch.account(lanes);

@@ -1,22 +1,19 @@
 //! Triangles that photons have hit, and the points on them.
 
 use super::{Arrivals, Lane, Triples};
-use crate::geometry::{quick_normal, triangle_normal, triangle_point_error, unit_or};
+use crate::geometry::{TriangleMesh, quick_normal, triangle_normal, triangle_point_error, unit_or};
 use crate::math::Vec3;
 use crate::shoot::walk::WAVE;
 
-/// A triangle that was hit.
+/// A triangle of a mesh that was hit.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::shoot) struct Face {
-    pub corners: [Vec3; 3],
-    /// Shading normals of the corners, where they are not that of the triangle.
-    pub normals: Option<[Vec3; 3]>,
+pub(in crate::shoot) struct Face<'a> {
+    pub mesh: &'a TriangleMesh,
+    pub prim: u32,
     /// Of the second and the third corner.
     pub weights: [f32; 2],
     /// The ray's.
     pub d: Vec3,
-    /// Whether the normal is turned.
-    pub flipped: bool,
 }
 
 /// The lanes that came as a [`Face`].
@@ -81,11 +78,12 @@ impl Faces {
     #[inline(always)]
     pub fn set(&mut self, i: usize, face: &Face) {
         self.any = true;
-        for (lanes, corner) in self.corners.iter_mut().zip(face.corners) {
+        for (lanes, corner) in self.corners.iter_mut().zip(face.mesh.triangle(face.prim)) {
             lanes.set(i, corner);
         }
-        (self.mask[i], self.smooth[i]) = (u32::MAX, u32::from(face.normals.is_some()).wrapping_neg());
-        if let Some(normals) = face.normals {
+        let normals = face.mesh.corner_normals(face.prim);
+        (self.mask[i], self.smooth[i]) = (u32::MAX, u32::from(normals.is_some()).wrapping_neg());
+        if let Some(normals) = normals {
             self.any_smooth = true;
             for (lanes, normal) in self.normals.iter_mut().zip(normals) {
                 lanes.set(i, normal);
@@ -95,7 +93,7 @@ impl Faces {
             lanes[i] = weight;
         }
         self.d.set(i, face.d);
-        self.side[i] = if face.flipped { -1.0 } else { 1.0 };
+        self.side[i] = if face.mesh.flip_normals { -1.0 } else { 1.0 };
     }
 
     // Without `map`, which the compiler may leave a call.

@@ -6,12 +6,15 @@
 mod diffuse;
 mod faces;
 mod interfaces;
+mod metals;
+mod records;
 #[cfg(test)]
 mod tests;
 
 pub(super) use diffuse::DiffuseLanes;
 pub(super) use faces::Face;
 pub(super) use interfaces::InterfaceLanes;
+pub(super) use metals::MetalLanes;
 
 use self::faces::Faces;
 use super::EnergyBalance;
