@@ -176,8 +176,50 @@ fn many_paths_at_a_time_are_measured_one_by_one() {
     }
 }
 
-/// Lights of every kind, alone and mixed, over what is two-sided, what is not, a needle, a ball, waves and glass: photons alone,
-/// which are compiled for any processor, are those that start and land together in vectors.
+/// What photons meet of all kinds that are scattered together: what is two-sided, what is not, a needle, a ball, waves with
+/// normals of their own, glass and metal, smooth and rough.
+fn solids() -> String {
+    let place = |scale: &str, angle: i32, at: &str| {
+        format!(
+            "<transform name=\"to_world\"><scale {scale}/><rotate x=\"1\" angle=\"{angle}\"/><translate {at}/></transform>"
+        )
+    };
+    let sheet = |scale: &str, angle: i32, at: &str, bsdf: &str| {
+        format!("<shape type=\"rectangle\">{}{bsdf}</shape>", place(scale, angle, at))
+    };
+    let waves = |angle: i32, y: f32, bsdf: &str| {
+        let file = format!("{}/scenes/waves.ply", env!("CARGO_MANIFEST_DIR"));
+        let at = place(r#"value="0.5""#, angle, &format!(r#"x="1.2" y="{y}" z="-1""#));
+        format!(r#"<shape type="ply"><string name="filename" value="{file}"/>{at}{bsdf}</shape>"#)
+    };
+    let ball = |at: &str, radius: f32, bsdf: &str| {
+        format!(
+            r#"<shape type="sphere"><point name="center" {at}/><float name="radius" value="{radius}"/>{bsdf}</shape>"#
+        )
+    };
+    let both = |bsdf: &str| format!(r#"<bsdf type="twosided">{bsdf}</bsdf>"#);
+    let chalk = r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.2, 0.9, 0.4"/></bsdf>"#;
+    let tinted = r#"<bsdf type="dielectric"><rgb name="specular_transmittance" value="0.9, 0.5, 0.2"/></bsdf>"#;
+    let silver = |alpha: f32| {
+        let ggx = r#"<string name="material" value="Ag"/><string name="distribution" value="ggx"/>"#;
+        format!(r#"<bsdf type="roughconductor">{ggx}<float name="alpha" value="{alpha}"/></bsdf>"#)
+    };
+    [
+        sheet(r#"x="1e-4" y="2" z="1""#, -60, r#"y="0.5""#, &both(chalk)),
+        ball(r#"x="-1" y="0.6" z="0""#, 0.3, &both(r#"<bsdf type="diffuse"/>"#)),
+        waves(170, 0.4, &(both(chalk) + r#"<boolean name="flip_normals" value="true"/>"#)),
+        waves(0, 0.9, r#"<bsdf type="dielectric"/>"#),
+        waves(20, 1.4, &both(&silver(0.2))),
+        sheet(r#"value="0.6""#, 80, r#"x="-1" y="1.2" z="1""#, tinted),
+        sheet(r#"value="0.4""#, -70, r#"x="-1" y="0.7" z="-1.3""#, &silver(0.02)),
+        sheet(r#"value="0.4""#, 60, r#"x="0" y="0.7" z="-1.3""#, &silver(0.5)),
+        ball(r#"x="0.5" y="1.3" z="0.4""#, 0.15, &both(r#"<bsdf type="conductor"/>"#)),
+    ]
+    .concat()
+}
+
+/// Lights of every kind, alone and mixed, over all these: photons alone, which are compiled for any processor, are those that start
+/// and land together in vectors.
 #[test]
 fn every_light_starts_many_paths_as_one() {
     let sky = format!("{}/scenes/sky.exr", env!("CARGO_MANIFEST_DIR"));
@@ -197,31 +239,11 @@ fn every_light_starts_many_paths_as_one() {
     // All but the first environment, of which there is one at most, and a light that the floor turns its back to.
     let below = lights[3].replace("1.5", "-1.5");
     let mixed = lights[1..].concat() + &below;
-    let needle = r#"<shape type="rectangle"><transform name="to_world"><scale x="1e-4" y="2" z="1"/>
-        <rotate x="1" angle="-60"/><translate y="0.5"/></transform><bsdf type="twosided"><bsdf type="diffuse">
-        <rgb name="reflectance" value="0.2, 0.9, 0.4"/></bsdf></bsdf></shape>"#;
-    let ball = r#"<shape type="sphere"><point name="center" x="-1" y="0.6" z="0"/><float name="radius" value="0.3"/>
-        <bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>"#;
-    // Waves with normals of their own, of glass and of chalk, and a tinted pane that has none.
-    let waves = |y: f32, turn: u32, bsdf: &str| {
-        format!(
-            "<shape type=\"ply\"><string name=\"filename\" value=\"{}/scenes/waves.ply\"/><transform name=\"to_world\">\
-             <scale value=\"0.5\"/><rotate x=\"1\" angle=\"{turn}\"/><translate x=\"1.2\" y=\"{y}\" z=\"-1\"/></transform>{bsdf}</shape>",
-            env!("CARGO_MANIFEST_DIR")
-        )
-    };
-    let chalk =
-        r#"<bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.6, 0.4"/></bsdf></bsdf>"#;
-    let pane = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.6"/><rotate x="1" angle="80"/>
-        <translate x="-1" y="1.2" z="1"/></transform><bsdf type="dielectric"><rgb name="specular_transmittance"
-        value="0.9, 0.5, 0.2"/></bsdf></shape>"#;
-    let solids =
-        [needle.to_owned(), ball.to_owned(), waves(0.9, 0, "<bsdf type=\"dielectric\"/>"), waves(0.4, 170, chalk)];
-    let solids = solids.concat() + pane;
+    let solids = solids();
     for light in lights.iter().chain([&mixed]) {
         let scene = scene(&format!("{FLOOR}{solids}{light}{}", glass(0.0, 0.7, 0.4)));
         let walk = WalkSettings { max_depth: Some(5), rr_depth: 2, sequence: Sequence::Independent };
-        for (target, guided) in [(Target::Global, false), (Target::Caustic, true)] {
+        for (target, guided) in [(Target::Global, false), (Target::Indirect, false), (Target::Caustic, true)] {
             let guide = guided.then(|| Guide::learn(&scene, &settings(1, true, 4096)).expect("glass focuses"));
             let key = Key::new(1, target.purpose(), 0);
             let [mut alone, mut together] = [(); 2].map(|()| Deposit::new(target, walk, 3000));
