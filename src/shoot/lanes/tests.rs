@@ -1,6 +1,6 @@
 use super::*;
 use crate::bsdf::{Dielectric, DiffuseBsdf, Ior, Metal};
-use crate::geometry::TriangleMesh;
+use crate::geometry::{GeometrySet, Hit, NO_INSTANCE, Ray, Shape, TriangleMesh};
 use crate::math::Vec2;
 use crate::photon::Level;
 use crate::sample::{Key, Purpose, Sampler, Sequence, warp};
@@ -101,4 +101,60 @@ fn every_instruction_set_gives_the_same_bits() {
             assert!(results[0].contains("None") && (len == 1 || results[0].contains("Some")));
         }
     }
+}
+
+/// Faces are met as their mesh says: with normals of their corners on either side of that of the triangle, turned, and needles.
+#[test]
+fn faces_are_met_as_by_their_mesh() {
+    let walk = WalkSettings { max_depth: None, rr_depth: 1, sequence: Sequence::Independent };
+    let (mut diffuse, mut interfaces) =
+        ([0; 2].map(|_| DiffuseLanes::new(&walk)), [0; 2].map(|_| InterfaceLanes::new(&walk)));
+    let mut metals = [0; 2].map(|_| MetalLanes::new(&walk));
+    let mut sides = [0; 2];
+    for i in 0..WAVE {
+        let mut s = Sampler::new(Sequence::Independent, Key::new(9, Purpose::Test, 0), i as u64);
+        let [a, b, c, p, d] = std::array::from_fn(|_| warp::uniform_sphere(s.next_2d()));
+        let third = if i % 9 == 0 { p + 0.5 * a + 1e-5 * b } else { p + b };
+        let mesh = TriangleMesh {
+            positions: vec![p, p + a, third].into(),
+            indices: vec![[0, 1, 2]],
+            normals: (i % 3 > 0).then(|| vec![a, b, c]),
+            flip_normals: i % 5 == 0,
+            ..TriangleMesh::default()
+        };
+        let weights = [0.6 * s.next_1d(), 0.4 * s.next_1d()];
+        let [u, v] = weights;
+        let hit = Hit { t: 1.0, u, v, shape: 0, prim: 0, instance: NO_INSTANCE };
+        let set =
+            GeometrySet { shapes: vec![Shape::Mesh(mesh.clone().into())], top: vec![0], ..GeometrySet::default() };
+        let si = set.interaction(&Ray::new(p - d, d), &hit);
+        let n = (1.0 - u - v) * a + u * b + v * c;
+        sides[(n.dot(si.ng) < 0.0) as usize] += (i % 3 > 0) as u32;
+        let face = Face { mesh: &mesh, prim: 0, weights, d };
+        let mut flight = Flight::none(Sampler::new(Sequence::Independent, Key(3), i as u64), Key(i as u64));
+        flight.flux = Rgb::new(1.0, 0.5, 0.1);
+        let colors = [Rgb::new(0.9, 0.5, 0.1), Rgb::new(0.1, 0.2, 0.3)];
+        let turn = if si.wo.dot(si.ng) > 0.0 { 1.0 } else { -1.0 };
+        let bsdf = DiffuseBsdf::new(si.ns * turn, si.ng * turn, colors[(turn < 0.0) as usize]);
+        diffuse[0].push_face(i, &mut { flight }, &face, &colors.map(Some));
+        diffuse[1].push(i, &mut { flight }, &si, &bsdf);
+        let glass = Dielectric { ior: Ior::new(1.5, 1.0), reflectance: colors[0], transmittance: Rgb::WHITE };
+        interfaces[0].push_face(i, &mut { flight }, &face, &glass);
+        interfaces[1].push(i, &mut { flight }, &si, &glass);
+        let silver = Metal { alpha: 0.3, eta: Rgb::splat(0.1), k: Rgb::splat(4.0), specular: colors[0] };
+        metals[0].push_face(i, &mut { flight }, &face, &(silver, true));
+        metals[1].push(i, &mut { flight }, &si, &(silver, true));
+    }
+    diffuse.iter_mut().for_each(DiffuseLanes::run);
+    interfaces.iter_mut().for_each(InterfaceLanes::run);
+    metals.iter_mut().for_each(MetalLanes::run);
+    for i in 0..WAVE {
+        let of = |lanes: &DiffuseLanes| format!("{:?} {:?}", lanes.photon(i), lanes.leaving(i));
+        assert_eq!(of(&diffuse[0]), of(&diffuse[1]), "{i}");
+        let of = |lanes: &InterfaceLanes| format!("{:?}", lanes.leaving(i));
+        assert_eq!(of(&interfaces[0]), of(&interfaces[1]), "{i}");
+        let of = |lanes: &MetalLanes| format!("{:?} {:?}", lanes.photon(i), lanes.leaving(i));
+        assert_eq!(of(&metals[0]), of(&metals[1]), "{i}");
+    }
+    assert!(sides.iter().all(|&n| n > 20), "{sides:?}");
 }
