@@ -3,6 +3,7 @@
 mod aimed;
 mod balance;
 mod chain;
+mod flight;
 mod guide;
 mod join;
 mod lanes;

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use arrayvec::ArrayVec;
 
+use super::flight::{Flight, Stamp, WAVE, rounding_bits};
 use super::lanes::{DiffuseLanes, Face, InterfaceLanes, Leaving, MetalLanes, Sums};
 use super::launch::{Departure, Launch};
 use super::{AimCounts, EnergyBalance, Guide, Shot};
@@ -13,8 +14,8 @@ use crate::bsdf::{Bsdf, LobeMask, Mode, Plain};
 use crate::color::Rgb;
 use crate::geometry::{Hit, Ray, SurfaceInteraction};
 use crate::math::{Vec2, Vec3};
-use crate::photon::{Photon, PhotonClass, PhotonRecord};
-use crate::sample::{Key, Numbers, Purpose, Sampler, Sequence, hash_u64};
+use crate::photon::{Photon, PhotonRecord};
+use crate::sample::{Key, Numbers, Purpose, Sampler, Sequence};
 use crate::scene::Scene;
 use crate::tally::Counters;
 
@@ -94,88 +95,8 @@ pub struct Start {
     pub pdf: f32,
 }
 
-/// Photons under way at a time in [`Deposit::trace_all`].
-pub(super) const WAVE: usize = 128;
-
 /// Triangles that fit into the caches with all that is known about them.
 const NEAR_TRIANGLES: u64 = 1 << 15;
-
-/// A photon under way.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Flight<N = Sampler> {
-    ray: Ray,
-    pub flux: Rgb,
-    pub sampler: N,
-    /// Its path: the number within the batch, and the key of its random bits.
-    number: u32,
-    pub path: Key,
-    /// The shape met first.
-    first: u32,
-    /// Surfaces met.
-    pub depth: u32,
-    /// Whether all of them were specular.
-    specular_chain: bool,
-    /// Whether one was diffuse or glossy.
-    scattered: bool,
-    /// Whether the last of those scattered it by a narrow lobe, where indirect photons are wanted.
-    narrow: bool,
-}
-
-/// What a stored photon tells about its path.
-pub(super) struct Stamp {
-    pub class: PhotonClass,
-    pub mark: bool,
-}
-
-/// Random bits to round the power of a photon of `path` with, at its surface `depth`.
-#[inline(always)]
-pub(super) fn rounding_bits(path: Key, depth: u32) -> u64 {
-    hash_u64(hash_u64(path.0, depth as u64), Purpose::Quantize as u64)
-}
-
-impl<N> Flight<N> {
-    /// Not under way.
-    pub fn none(sampler: N, key: Key) -> Self {
-        Self {
-            ray: Ray::new(Vec3::ZERO, Vec3::Z),
-            flux: Rgb::BLACK,
-            sampler,
-            number: 0,
-            path: key,
-            first: u32::MAX,
-            depth: 0,
-            specular_chain: true,
-            scattered: false,
-            narrow: false,
-        }
-    }
-
-    /// Puts a path on its way, all but its numbers.
-    #[inline(always)]
-    fn depart(&mut self, scene: &Scene, &Departure { path, o, d, flux, .. }: &Departure, number: u32) {
-        self.ray = scene.from_light(Ray::new(o, d));
-        self.flux = flux;
-        (self.number, self.path, self.first, self.depth) = (number, path, u32::MAX, 0);
-        (self.specular_chain, self.scattered, self.narrow) = (true, false, false);
-    }
-
-    /// Counts a surface.
-    #[inline(always)]
-    fn meet(&mut self, shape: u32) {
-        if self.depth == 0 {
-            self.first = shape;
-        }
-        self.depth += 1;
-    }
-
-    #[inline(always)]
-    pub fn stamp(&self) -> Stamp {
-        Stamp {
-            class: if self.specular_chain && self.depth > 1 { PhotonClass::Caustic } else { PhotonClass::Global },
-            mark: !self.scattered || self.narrow,
-        }
-    }
-}
 
 /// The photons and tallies of one batch of paths.
 #[derive(Debug)]

@@ -10,7 +10,8 @@ use crate::math::{Vec2, Vec3};
 use crate::photon::{Level, Photon, Simd, Task};
 use crate::sample::Streams;
 use crate::shoot::EnergyBalance;
-use crate::shoot::walk::{Flight, WAVE, WalkSettings};
+use crate::shoot::flight::{Flight, WAVE};
+use crate::shoot::walk::WalkSettings;
 
 /// The photons of a wave that have met a diffuse surface.
 #[derive(Debug)]

@@ -3,7 +3,7 @@
 use super::{Arrivals, Lane, Triples};
 use crate::geometry::{TriangleMesh, quick_normal, triangle_normal, triangle_point_error, unit_or};
 use crate::math::Vec3;
-use crate::shoot::walk::WAVE;
+use crate::shoot::flight::WAVE;
 
 /// A triangle of a mesh that was hit.
 #[derive(Clone, Copy, Debug)]

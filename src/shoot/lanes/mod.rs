@@ -1,4 +1,4 @@
-//! Photons on surfaces that are plain, which most are: many of them are scattered at once, the diffuse ones packed as well.
+//! Photons on surfaces that are plain, which most are: many of them are scattered at once, and packed where they may be stored.
 //!
 //! Field by field in arrays and with selections in place of branches, so that the compiler makes vectors of the loops. Each
 //! photon sees the very operations that it would see alone: the bits are the same.
@@ -18,13 +18,17 @@ pub(super) use metals::MetalLanes;
 
 use self::faces::Faces;
 use super::EnergyBalance;
-use super::walk::{Flight, WAVE, survival};
+use super::flight::{Flight, WAVE};
+use super::walk::survival;
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
 use crate::math::{Vec3, offset_ray_origin};
 
 /// Lanes that a loop does at once.
 const WIDTH: usize = 16;
+
+// Places in a wave are kept as bytes.
+const _: () = assert!(WAVE <= 256);
 
 type Lane = [f32; WAVE];
 

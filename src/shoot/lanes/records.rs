@@ -3,7 +3,7 @@
 use super::Arrivals;
 use crate::photon::{Photon, PhotonClass, PhotonRecord};
 use crate::sample::Key;
-use crate::shoot::walk::{Flight, Stamp, WAVE, rounding_bits};
+use crate::shoot::flight::{Flight, Stamp, WAVE, rounding_bits};
 
 /// What is stored of photons.
 #[derive(Debug)]
