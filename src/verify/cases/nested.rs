@@ -128,11 +128,23 @@ fn vessels() -> Vec<Item> {
     ];
     for (what, methods, common) in scenes {
         for &method in methods {
-            let of = |vessel: String| scene(&[depth(-1), common.clone(), vessel]);
+            let of = |vessel: String| scene(&[unguided(method), common.clone(), vessel]);
             items.push(same_picture(what, method, of(overlapping()), of(modelled())));
         }
     }
     items
+}
+
+/// An integrator whose light paths start where their numbers say. A pilot that sees a single walk go another way, as roundings
+/// send it, would let all of them start elsewhere.
+fn unguided(method: &str) -> String {
+    match method {
+        "bdpt" | "vcm" | "ptracer" => format!(
+            r#"<integrator type="{method}"><integer name="max_depth" value="-1"/>
+            <boolean name="guided_emission" value="false"/></integrator>"#
+        ),
+        _ => depth(-1),
+    }
 }
 
 /// The mean of one scene over that of another, seed by seed.
