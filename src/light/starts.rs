@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 
 use super::{Light, LightContext, LightLe};
 use crate::color::Rgb;
+use crate::math::choose;
 
 /// Paths in [`Starts`].
 pub const STARTS: usize = 32;
@@ -74,7 +75,6 @@ impl Starts {
     /// Takes those of `others` whose `light` is `id`.
     #[inline(always)]
     pub fn take_of(&mut self, light: &[u32; STARTS], id: u32, others: &Self) {
-        // Bits of either by masks: of a choice the compiler makes one of addresses, and no vectors.
         let mut mask = [0; STARTS];
         for i in 0..STARTS {
             mask[i] = u32::from(light[i] == id).wrapping_neg();
@@ -83,7 +83,7 @@ impl Starts {
         for (own, others) in all {
             for (own, others) in own.iter_mut().zip(others) {
                 for i in 0..STARTS {
-                    own[i] = f32::from_bits(own[i].to_bits() & !mask[i] | others[i].to_bits() & mask[i]);
+                    own[i] = choose(mask[i], others[i], own[i]);
                 }
             }
         }

@@ -23,6 +23,13 @@ pub fn one_minus_cos(theta: f64) -> f64 {
     2.0 * s * s
 }
 
+/// `a` where `mask` has all its bits set, `b` where it has none. Of `if` the compiler may make a choice of addresses, and no
+/// vectors.
+#[inline(always)]
+pub fn choose(mask: u32, a: f32, b: f32) -> f32 {
+    f32::from_bits(a.to_bits() & mask | b.to_bits() & !mask)
+}
+
 /// Square.
 #[inline]
 pub fn sqr(x: f32) -> f32 {

@@ -264,7 +264,9 @@ mod tests {
 
     #[test]
     fn items_side_by_side_are_those_of_one_number_after_the_other() {
-        for weights in [vec![], vec![0.0], vec![2.0], vec![0.0, 1.0, 0.0, 3.0, 0.0], vec![1.0; 7], vec![1.0; 300]] {
+        for weights in
+            [vec![], vec![0.0], vec![2.0], vec![0.0, 1.0, 0.0, 3.0, 0.0], vec![1.0; 8], vec![1.0; 9], vec![1.0; 300]]
+        {
             let cdf = Cdf::new(weights.iter().copied());
             let edges = cdf.cumulative.iter().flat_map(|&c| [c.next_down(), c, c.next_up()]);
             let mut numbers: Vec<f32> = edges.filter(|u| (0.0..1.0).contains(u)).collect();

@@ -250,27 +250,27 @@ impl Deposit {
             }
             let Lanes { diffuse, interfaces, metals, .. } = &mut lanes;
             diffuse.run();
-            for i in 0..diffuse.len() {
-                let leaving = diffuse.leaving(i);
+            for i in 0..diffuse.batch.len() {
+                let leaving = diffuse.batch.leaving(i);
                 if !self.take_off(scene, &mut wave[leaving.slot], diffuse, i) {
                     ended.push(leaving.slot);
                 }
             }
-            diffuse.clear();
-            if interfaces.len() > 0 {
+            diffuse.batch.clear();
+            if interfaces.batch.len() > 0 {
                 interfaces.run();
-                for i in 0..interfaces.len() {
-                    let leaving = interfaces.leaving(i);
+                for i in 0..interfaces.batch.len() {
+                    let leaving = interfaces.batch.leaving(i);
                     if !self.go_on(&mut wave[leaving.slot], &leaving) {
                         ended.push(leaving.slot);
                     }
                 }
-                interfaces.clear();
+                interfaces.batch.clear();
             }
-            if metals.len() > 0 {
+            if metals.batch.len() > 0 {
                 metals.run();
-                for i in 0..metals.len() {
-                    let slot = metals.leaving(i).slot;
+                for i in 0..metals.batch.len() {
+                    let slot = metals.batch.leaving(i).slot;
                     if !self.reflect(scene, &mut wave[slot], metals, i) {
                         ended.push(slot);
                     }
@@ -279,9 +279,9 @@ impl Deposit {
             }
         }
         launch.add_to(self);
-        lanes.diffuse.add_to(&mut self.balance);
-        lanes.interfaces.add_to(&mut self.balance);
-        lanes.metals.add_to(&mut self.balance);
+        lanes.diffuse.batch.add_to(&mut self.balance);
+        lanes.interfaces.batch.add_to(&mut self.balance);
+        lanes.metals.batch.add_to(&mut self.balance);
         lanes.escaped.add_to(&mut self.balance.escaped);
     }
 
@@ -396,7 +396,7 @@ impl Deposit {
     /// Stores and sends on a photon from a diffuse surface. False when its path ends there.
     #[inline(always)]
     fn take_off(&mut self, scene: &Scene, flight: &mut Flight, lanes: &DiffuseLanes, i: usize) -> bool {
-        let leaving = lanes.leaving(i);
+        let leaving = lanes.batch.leaving(i);
         if self.wants(flight) && !leaving.fate.is_lost() {
             match lanes.photon(i) {
                 Some((photon, power)) => self.keep(scene, photon, power, flight),
@@ -410,7 +410,7 @@ impl Deposit {
     /// Stores, where its lobe is wide, and sends on a photon from a conductor. False when its path ends there.
     #[inline(always)]
     fn reflect(&mut self, scene: &Scene, flight: &mut Flight, lanes: &MetalLanes, i: usize) -> bool {
-        let (leaving, class) = (lanes.leaving(i), lanes.class(i));
+        let (leaving, class) = (lanes.batch.leaving(i), lanes.class(i));
         if class.intersects(LobeMask::SMOOTH_WIDE) {
             if self.wants(flight) && !leaving.fate.is_lost() {
                 match lanes.photon(i) {

@@ -2,14 +2,13 @@
 
 use super::faces::Faces;
 use super::records::Records;
-use super::{Arrivals, Batch, Departures, Face, Lane, Leaving, Triples, choose};
+use super::{Arrivals, Batch, Departures, Face, Lane, Triples};
 use crate::bsdf::{DiffuseBsdf, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
-use crate::math::{Vec2, Vec3};
+use crate::math::{Vec2, Vec3, choose};
 use crate::photon::{Level, Photon, Simd, Task};
 use crate::sample::Streams;
-use crate::shoot::EnergyBalance;
 use crate::shoot::flight::{Flight, WAVE};
 use crate::shoot::walk::WalkSettings;
 
@@ -17,7 +16,7 @@ use crate::shoot::walk::WalkSettings;
 #[derive(Debug)]
 pub(in crate::shoot) struct DiffuseLanes {
     level: Level,
-    batch: Batch,
+    pub batch: Batch,
     records: Records,
     surfaces: Surfaces,
     // Random numbers: the direction and that of the roulette, and where they come from.
@@ -66,16 +65,6 @@ impl DiffuseLanes {
         self.level = level;
     }
 
-    #[inline(always)]
-    pub fn len(&self) -> usize {
-        self.batch.len
-    }
-
-    #[inline(always)]
-    pub fn clear(&mut self) {
-        self.batch.clear();
-    }
-
     /// Takes the photon at `slot` of the wave, which has met a surface.
     #[inline(always)]
     pub fn push(&mut self, slot: usize, flight: &mut Flight, si: &SurfaceInteraction, bsdf: &DiffuseBsdf) {
@@ -120,16 +109,6 @@ impl DiffuseLanes {
     #[inline(always)]
     pub fn photon(&self, i: usize) -> Option<(Photon, f32)> {
         self.records.photon(i, &self.batch.arrivals)
-    }
-
-    #[inline(always)]
-    pub fn leaving(&self, i: usize) -> Leaving {
-        self.batch.leaving(i)
-    }
-
-    /// Adds what all photons together have lost.
-    pub fn add_to(&self, balance: &mut EnergyBalance) {
-        self.batch.add_to(balance);
     }
 }
 

@@ -1,13 +1,12 @@
 //! Photons on smooth interfaces between dielectrics.
 
-use super::{Arrivals, Batch, Departures, Face, Lane, Leaving, Triples};
+use super::{Arrivals, Batch, Departures, Face, Lane, Triples};
 use crate::bsdf::{Dielectric, Ior, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
 use crate::math::Vec3;
 use crate::photon::{Level, Simd, Task};
 use crate::sample::Streams;
-use crate::shoot::EnergyBalance;
 use crate::shoot::flight::{Flight, WAVE};
 use crate::shoot::walk::WalkSettings;
 
@@ -15,7 +14,7 @@ use crate::shoot::walk::WalkSettings;
 #[derive(Debug)]
 pub(in crate::shoot) struct InterfaceLanes {
     level: Level,
-    batch: Batch,
+    pub batch: Batch,
     surfaces: Surfaces,
     // Random numbers: that of the lobe and that of the roulette, and where they come from.
     streams: Streams<WAVE>,
@@ -54,16 +53,6 @@ impl InterfaceLanes {
         self.level = level;
     }
 
-    #[inline(always)]
-    pub fn len(&self) -> usize {
-        self.batch.len
-    }
-
-    #[inline(always)]
-    pub fn clear(&mut self) {
-        self.batch.clear();
-    }
-
     /// Takes the photon at `slot` of the wave, which has met a surface.
     #[inline(always)]
     pub fn push(&mut self, slot: usize, flight: &mut Flight, si: &SurfaceInteraction, interface: &Dielectric) {
@@ -96,16 +85,6 @@ impl InterfaceLanes {
     /// Scatters all of them.
     pub fn run(&mut self) {
         self.level.run(Step(self));
-    }
-
-    #[inline(always)]
-    pub fn leaving(&self, i: usize) -> Leaving {
-        self.batch.leaving(i)
-    }
-
-    /// Adds what all photons together have lost.
-    pub fn add_to(&self, balance: &mut EnergyBalance) {
-        self.batch.add_to(balance);
     }
 }
 

@@ -1,14 +1,13 @@
 //! Photons on conductors, smooth and rough.
 
 use super::records::Records;
-use super::{Arrivals, Batch, Departures, Face, Lane, Leaving, Triples};
+use super::{Arrivals, Batch, Departures, Face, Lane, Triples};
 use crate::bsdf::{LobeMask, Metal, Mode};
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
 use crate::math::{Vec2, Vec3};
 use crate::photon::{Level, Photon, Simd, Task};
 use crate::sample::Streams;
-use crate::shoot::EnergyBalance;
 use crate::shoot::flight::{Flight, WAVE};
 use crate::shoot::walk::WalkSettings;
 
@@ -16,7 +15,7 @@ use crate::shoot::walk::WalkSettings;
 #[derive(Debug)]
 pub(in crate::shoot) struct MetalLanes {
     level: Level,
-    batch: Batch,
+    pub batch: Batch,
     records: Records,
     surfaces: Surfaces,
     class: [LobeMask; WAVE],
@@ -58,11 +57,6 @@ impl MetalLanes {
     #[cfg(test)]
     pub fn set_level(&mut self, level: Level) {
         self.level = level;
-    }
-
-    #[inline(always)]
-    pub fn len(&self) -> usize {
-        self.batch.len
     }
 
     #[inline(always)]
@@ -122,16 +116,6 @@ impl MetalLanes {
     #[inline(always)]
     pub fn photon(&self, i: usize) -> Option<(Photon, f32)> {
         self.records.photon(i, &self.batch.arrivals)
-    }
-
-    #[inline(always)]
-    pub fn leaving(&self, i: usize) -> Leaving {
-        self.batch.leaving(i)
-    }
-
-    /// Adds what all photons together have lost.
-    pub fn add_to(&self, balance: &mut EnergyBalance) {
-        self.batch.add_to(balance);
     }
 }
 

@@ -22,7 +22,7 @@ use super::flight::{Flight, WAVE};
 use super::walk::survival;
 use crate::color::Rgb;
 use crate::geometry::SurfaceInteraction;
-use crate::math::{Vec3, offset_ray_origin};
+use crate::math::{Vec3, choose, offset_ray_origin};
 
 /// Lanes that a loop does at once.
 const WIDTH: usize = 16;
@@ -71,16 +71,9 @@ impl Triples {
     }
 }
 
-/// `a` where `mask` has all its bits set, `b` where it has none. Of `if` the compiler may make a choice of addresses, and no
-/// vectors.
-#[inline(always)]
-fn choose(mask: u32, a: f32, b: f32) -> f32 {
-    f32::from_bits(a.to_bits() & mask | b.to_bits() & !mask)
-}
-
 /// Photons of a wave at surfaces of one kind, in the order of the wave, and where they go on.
 #[derive(Debug)]
-struct Batch {
+pub(super) struct Batch {
     len: usize,
     rr_depth: u32,
     /// Where in its wave each is.
@@ -132,7 +125,12 @@ impl Batch {
     }
 
     #[inline(always)]
-    fn clear(&mut self) {
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    #[inline(always)]
+    pub fn clear(&mut self) {
         self.len = 0;
         self.faces.clear();
     }
@@ -182,14 +180,15 @@ impl Batch {
         add_losses(&mut self.roulette, scattered, flux, lanes);
     }
 
-    fn add_to(&self, balance: &mut EnergyBalance) {
+    /// Adds what all photons together have lost.
+    pub fn add_to(&self, balance: &mut EnergyBalance) {
         self.absorbed.add_to(&mut balance.absorbed);
         self.roulette.add_to(&mut balance.roulette);
     }
 
     /// Origin, direction and flux of photon `i`, if it goes on, and what becomes of it.
     #[inline(always)]
-    fn leaving(&self, i: usize) -> Leaving {
+    pub fn leaving(&self, i: usize) -> Leaving {
         let d = &self.departures;
         let ray = (d.o.get(i), d.d.get(i));
         Leaving { slot: self.slot[i] as usize, ray, flux: d.flux.color(i), fate: Fate(d.fate[i]) }

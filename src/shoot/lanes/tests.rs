@@ -83,12 +83,13 @@ fn run(level: Level, sequence: Sequence, len: usize) -> String {
     interfaces.run();
     metals.run();
     let photons: Vec<_> = (0..len).flat_map(|i| [diffuse.photon(i), metals.photon(i)]).collect();
-    let leaving: Vec<_> =
-        (0..len).flat_map(|i| [diffuse.leaving(i), interfaces.leaving(i), metals.leaving(i)]).collect();
+    let leaving: Vec<_> = (0..len)
+        .flat_map(|i| [diffuse.batch.leaving(i), interfaces.batch.leaving(i), metals.batch.leaving(i)])
+        .collect();
     let mut balance = EnergyBalance::default();
-    diffuse.add_to(&mut balance);
-    interfaces.add_to(&mut balance);
-    metals.add_to(&mut balance);
+    diffuse.batch.add_to(&mut balance);
+    interfaces.batch.add_to(&mut balance);
+    metals.batch.add_to(&mut balance);
     format!("{photons:?} {leaving:?} {balance:?}")
 }
 
@@ -149,11 +150,11 @@ fn faces_are_met_as_by_their_mesh() {
     interfaces.iter_mut().for_each(InterfaceLanes::run);
     metals.iter_mut().for_each(MetalLanes::run);
     for i in 0..WAVE {
-        let of = |lanes: &DiffuseLanes| format!("{:?} {:?}", lanes.photon(i), lanes.leaving(i));
+        let of = |lanes: &DiffuseLanes| format!("{:?} {:?}", lanes.photon(i), lanes.batch.leaving(i));
         assert_eq!(of(&diffuse[0]), of(&diffuse[1]), "{i}");
-        let of = |lanes: &InterfaceLanes| format!("{:?}", lanes.leaving(i));
+        let of = |lanes: &InterfaceLanes| format!("{:?}", lanes.batch.leaving(i));
         assert_eq!(of(&interfaces[0]), of(&interfaces[1]), "{i}");
-        let of = |lanes: &MetalLanes| format!("{:?} {:?}", lanes.photon(i), lanes.leaving(i));
+        let of = |lanes: &MetalLanes| format!("{:?} {:?}", lanes.photon(i), lanes.batch.leaving(i));
         assert_eq!(of(&metals[0]), of(&metals[1]), "{i}");
     }
     assert!(sides.iter().all(|&n| n > 20), "{sides:?}");
