@@ -88,9 +88,9 @@ impl Launch {
     }
 
     /// Tells what became of the paths that were prepared, but for those that [`Launch::next`] gave out.
-    pub fn add_to(self, deposit: &mut Deposit) {
-        self.emitted.add_to(&mut deposit.balance.emitted);
-        self.escaped.add_to(&mut deposit.balance.escaped);
+    pub fn add_to(mut self, deposit: &mut Deposit) {
+        self.emitted.move_to(&mut deposit.balance.emitted);
+        self.escaped.move_to(&mut deposit.balance.escaped);
         deposit.counters.photon_rays += self.passed_by;
         deposit.rejected += self.rejected;
         deposit.aimed += &self.aimed;

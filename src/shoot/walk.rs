@@ -112,6 +112,7 @@ pub struct Deposit {
     /// What the photons of each path of a batch sum up to, where that is wanted: their largest channels, W, times the
     /// importance of the shape that the path met first.
     powers: Vec<f64>,
+    lanes: Option<Box<Lanes>>,
     target: Target,
     walk: WalkSettings,
     inv_emitted: f32,
@@ -128,6 +129,7 @@ impl Deposit {
             aimed: AimCounts::default(),
             owners: Vec::new(),
             powers: Vec::new(),
+            lanes: None,
             target,
             walk,
             inv_emitted: (1.0 / emitted as f64) as f32,
@@ -212,12 +214,8 @@ impl Deposit {
         let mut launch = Launch::new(indices);
         let (mut wave, mut len) = ([Flight::none(Sampler::new(self.walk.sequence, key, 0), key); WAVE], WAVE);
         let mut hits = [None; WAVE];
-        let mut lanes = Lanes {
-            diffuse: DiffuseLanes::new(&self.walk),
-            interfaces: InterfaceLanes::new(&self.walk),
-            metals: MetalLanes::new(&self.walk),
-            escaped: Sums::ZERO,
-        };
+        // Of one batch for the next: what they hold need not be cleared each time.
+        let mut lanes = self.lanes.take().unwrap_or_else(|| Box::new(Lanes::new(&self.walk)));
         let far = scene.stats.triangles > NEAR_TRIANGLES;
         let mut ended: ArrayVec<usize, WAVE> = (0..WAVE).rev().collect();
         loop {
@@ -248,7 +246,7 @@ impl Deposit {
                     ended.push(slot);
                 }
             }
-            let Lanes { diffuse, interfaces, metals, .. } = &mut lanes;
+            let Lanes { diffuse, interfaces, metals, .. } = &mut *lanes;
             diffuse.run();
             for i in 0..diffuse.batch.len() {
                 let leaving = diffuse.batch.leaving(i);
@@ -279,10 +277,8 @@ impl Deposit {
             }
         }
         launch.add_to(self);
-        lanes.diffuse.batch.add_to(&mut self.balance);
-        lanes.interfaces.batch.add_to(&mut self.balance);
-        lanes.metals.batch.add_to(&mut self.balance);
-        lanes.escaped.add_to(&mut self.balance.escaped);
+        lanes.move_to(&mut self.balance);
+        self.lanes = Some(lanes);
     }
 
     /// Starts photon path `index` by the numbers of `flight`, into it: where, and whether its photon is on its way, which one
@@ -540,12 +536,32 @@ impl Deposit {
 }
 
 /// The photons of a wave that have met plain surfaces.
+#[derive(Debug)]
 struct Lanes {
     diffuse: DiffuseLanes,
     interfaces: InterfaceLanes,
     metals: MetalLanes,
     /// What left the scene, by the place in the wave: sums that need not wait for each other.
     escaped: Sums<WAVE>,
+}
+
+impl Lanes {
+    fn new(walk: &WalkSettings) -> Self {
+        Self {
+            diffuse: DiffuseLanes::new(walk),
+            interfaces: InterfaceLanes::new(walk),
+            metals: MetalLanes::new(walk),
+            escaped: Sums::ZERO,
+        }
+    }
+
+    /// Moves what all photons together have lost.
+    fn move_to(&mut self, balance: &mut EnergyBalance) {
+        for batch in [&mut self.diffuse.batch, &mut self.interfaces.batch, &mut self.metals.batch] {
+            batch.move_to(balance);
+        }
+        self.escaped.move_to(&mut balance.escaped);
+    }
 }
 
 /// Chooses between the narrow lobes of a surface and its others, where it has both, by their albedos; the probability. Drawn

@@ -180,10 +180,10 @@ impl Batch {
         add_losses(&mut self.roulette, scattered, flux, lanes);
     }
 
-    /// Adds what all photons together have lost.
-    pub fn add_to(&self, balance: &mut EnergyBalance) {
-        self.absorbed.add_to(&mut balance.absorbed);
-        self.roulette.add_to(&mut balance.roulette);
+    /// Moves what all photons together have lost.
+    pub fn move_to(&mut self, balance: &mut EnergyBalance) {
+        self.absorbed.move_to(&mut balance.absorbed);
+        self.roulette.move_to(&mut balance.roulette);
     }
 
     /// Origin, direction and flux of photon `i`, if it goes on, and what becomes of it.
@@ -244,9 +244,11 @@ impl<const N: usize> Sums<N> {
         }
     }
 
-    pub fn add_to(&self, total: &mut [f64; 3]) {
-        for (t, lanes) in total.iter_mut().zip(&self.0) {
+    /// Adds to `total`, and starts again at zero.
+    pub fn move_to(&mut self, total: &mut [f64; 3]) {
+        for (t, lanes) in total.iter_mut().zip(&mut self.0) {
             *t += lanes.iter().sum::<f64>();
+            lanes.fill(0.0);
         }
     }
 }

@@ -87,9 +87,9 @@ fn run(level: Level, sequence: Sequence, len: usize) -> String {
         .flat_map(|i| [diffuse.batch.leaving(i), interfaces.batch.leaving(i), metals.batch.leaving(i)])
         .collect();
     let mut balance = EnergyBalance::default();
-    diffuse.batch.add_to(&mut balance);
-    interfaces.batch.add_to(&mut balance);
-    metals.batch.add_to(&mut balance);
+    diffuse.batch.move_to(&mut balance);
+    interfaces.batch.move_to(&mut balance);
+    metals.batch.move_to(&mut balance);
     format!("{photons:?} {leaving:?} {balance:?}")
 }
 
