@@ -12,6 +12,7 @@ mod point;
 mod projector;
 mod reach;
 mod selector;
+mod sky;
 mod spot;
 mod starts;
 mod surface;
@@ -28,6 +29,7 @@ pub use near::NearLights;
 pub use point::Point;
 pub use projector::Projector;
 pub use selector::LightSelector;
+pub use sky::{Cells, DIRECTIONS, SkyView, View, around, direction_index};
 pub use spot::Spot;
 pub use starts::{STARTS, StartNumbers, Starts};
 
@@ -43,6 +45,8 @@ pub struct LightContext<'a> {
     pub textures: &'a Textures,
     /// Centre and radius of a sphere around all geometry; distant lights shine from outside it.
     pub scene_sphere: (Vec3, f32),
+    /// Where the environment is seen, if most of it is hidden.
+    pub sky: Option<&'a SkyView>,
 }
 
 impl LightContext<'_> {
@@ -120,10 +124,30 @@ impl Light {
             Light::Point(l) => l.sample_li(p),
             Light::Spot(l) => l.sample_li(ctx, p),
             Light::Directional(l) => l.sample_li(ctx, p),
-            Light::Constant(l) => l.sample_li(ctx, p, u),
-            Light::EnvMap(l) => l.sample_li(ctx, p, u),
+            Light::Constant(_) | Light::EnvMap(_) => self.sample_sky(ctx, p, u),
             Light::Projector(l) => l.sample_li(ctx, p),
         }
+    }
+
+    /// [`Light::sample_li`] of an environment.
+    #[inline]
+    fn sample_sky(&self, ctx: &LightContext, p: Vec3, mut u: Vec2) -> Option<LightLi> {
+        let own = |u: Vec2| match self {
+            Light::Constant(l) => l.sample_li(ctx, p, u),
+            Light::EnvMap(l) => l.sample_li(ctx, p, u),
+            _ => None,
+        };
+        let Some(view) = ctx.sky.and_then(|sky| sky.at(p)) else { return own(u) };
+        let mut li = if u.x < sky::OWN_SHARE {
+            u.x /= sky::OWN_SHARE;
+            own(u)?
+        } else {
+            u.x = ((u.x - sky::OWN_SHARE) / (1.0 - sky::OWN_SHARE)).min(1.0f32.next_down());
+            let d = view.sample(u)?;
+            distant::arrive_from_infinity(ctx, p, d, self.radiance_env(ctx, d), 1.0, false)
+        };
+        li.pdf_w = self.pdf_li_env(ctx, p, li.wi);
+        Some(li)
     }
 
     /// Density per steradian with which [`Light::sample_li`] from `p` picks the point `si` on this light; 0 for lights
@@ -136,14 +160,18 @@ impl Light {
         }
     }
 
-    /// Density per steradian with which [`Light::sample_li`] picks the direction `wi` towards infinity; 0 for lights
+    /// Density per steradian with which [`Light::sample_li`] from `p` picks the direction `wi` towards infinity; 0 for lights
     /// that are not environments.
     #[inline]
-    pub fn pdf_li_env(&self, _ctx: &LightContext, wi: Vec3) -> f32 {
-        match self {
+    pub fn pdf_li_env(&self, ctx: &LightContext, p: Vec3, wi: Vec3) -> f32 {
+        let own = match self {
             Light::Constant(l) => l.pdf(),
             Light::EnvMap(l) => l.pdf(wi),
-            _ => 0.0,
+            _ => return 0.0,
+        };
+        match ctx.sky.and_then(|sky| sky.at(p)) {
+            Some(view) => sky::OWN_SHARE * own + (1.0 - sky::OWN_SHARE) * view.density(wi),
+            None => own,
         }
     }
 
@@ -214,11 +242,10 @@ impl Light {
 
     /// Density per steradian with which [`Light::sample_li`] from `p`, which the path of `le` reaches first, picks the
     /// start of that path; 1 for lights without solid angle.
-    pub fn pdf_li_le(&self, p: Vec3, le: &LightLe) -> f32 {
+    pub fn pdf_li_le(&self, ctx: &LightContext, p: Vec3, le: &LightLe) -> f32 {
         match self {
             Light::Area(l) => l.pdf_li_le(p, le),
-            Light::Constant(l) => l.pdf(),
-            Light::EnvMap(l) => l.pdf(-le.ray.d),
+            Light::Constant(_) | Light::EnvMap(_) => self.pdf_li_env(ctx, p, -le.ray.d),
             _ => 1.0,
         }
     }

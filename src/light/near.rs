@@ -55,7 +55,8 @@ mod tests {
             let shapes: Vec<Shape> = (0..count).map(|i| ball(100.0 * i as f32, 1.0 + i as f32)).collect();
             let geometry = GeometrySet { shapes, ..Default::default() };
             let textures = Textures::default();
-            let ctx = LightContext { geometry: &geometry, textures: &textures, scene_sphere: (Vec3::ZERO, 1e4) };
+            let ctx =
+                LightContext { geometry: &geometry, textures: &textures, scene_sphere: (Vec3::ZERO, 1e4), sky: None };
             let light = |i| Light::Area(AreaLight::new(&geometry, &textures, i, Rgb::WHITE));
             NearLights::new(&(0..count).map(light).collect::<Vec<_>>(), &ctx)
         };

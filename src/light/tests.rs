@@ -9,7 +9,7 @@ use crate::geometry::{
     Cylinder, Disk, Hit, NO_INSTANCE, Shape, ShearedRay, Sphere, TriangleMesh, VertexAttribute, intersect_triangle,
 };
 use crate::image::Image;
-use crate::math::Frame;
+use crate::math::{Bounds3, Frame};
 use crate::sample::{Key, Purpose, Sampler, Sequence, warp};
 use crate::texture::{Bitmap, BitmapSettings, ColorParam, MeshAttribute, Texture};
 use glam::{DMat4, DVec3};
@@ -21,13 +21,14 @@ struct Stage {
     textures: Textures,
     light: Light,
     sphere: (Vec3, f32),
+    sky: Option<SkyView>,
 }
 
 impl Stage {
     fn area(shape: Shape, radiance: Rgb) -> Self {
         let geometry = GeometrySet { shapes: vec![shape], top: vec![0], ..Default::default() };
         let light = Light::Area(AreaLight::new(&geometry, &Textures::default(), 0, radiance));
-        Self { geometry, textures: Textures::default(), light, sphere: (Vec3::ZERO, 2.0) }
+        Self { geometry, textures: Textures::default(), light, sphere: (Vec3::ZERO, 2.0), sky: None }
     }
 
     /// A shape that shines through a bitmap of random texels, or through its `vertex_color`.
@@ -41,7 +42,7 @@ impl Stage {
             slide()
         });
         let light = Light::Area(AreaLight::new(&geometry, &textures, 0, ColorParam::Texture(id)));
-        Self { geometry, textures, light, sphere: (Vec3::ZERO, 2.0) }
+        Self { geometry, textures, light, sphere: (Vec3::ZERO, 2.0), sky: None }
     }
 
     /// A light that shows a slide of random texels.
@@ -49,15 +50,35 @@ impl Stage {
         let (geometry, mut textures) = (GeometrySet::default(), Textures::default());
         let id = textures.add(slide());
         let light = make(&geometry, &textures, ColorParam::Texture(id));
-        Self { geometry, textures, light, sphere: (Vec3::ZERO, 2.0) }
+        Self { geometry, textures, light, sphere: (Vec3::ZERO, 2.0), sky: None }
     }
 
     fn other(light: Light) -> Self {
-        Self { geometry: GeometrySet::default(), textures: Textures::default(), light, sphere: (Vec3::ZERO, 2.0) }
+        Self {
+            geometry: GeometrySet::default(),
+            textures: Textures::default(),
+            light,
+            sphere: (Vec3::ZERO, 2.0),
+            sky: None,
+        }
+    }
+
+    /// An environment of which there is a view from everywhere; parts of the sphere are left out in it.
+    fn with_view(light: Light) -> Self {
+        let weight = |i: usize| if i % 7 < 2 { 0.0 } else { noisy_map(DIRECTIONS, 1)[i].g };
+        let view = View::new(&std::array::from_fn(weight)).expect("light");
+        let cells = Cells::new(&Bounds3 { min: -Vec3::ONE, max: Vec3::ONE }, 2);
+        let sky = SkyView::new(cells, (0..cells.count()).map(|_| Some(view.clone())));
+        Self { sky: Some(sky), ..Self::other(light) }
     }
 
     fn ctx(&self) -> LightContext<'_> {
-        LightContext { geometry: &self.geometry, textures: &self.textures, scene_sphere: self.sphere }
+        LightContext {
+            geometry: &self.geometry,
+            textures: &self.textures,
+            scene_sphere: self.sphere,
+            sky: self.sky.as_ref(),
+        }
     }
 
     fn trace(&self, ray: &Ray) -> Option<SurfaceInteraction> {
@@ -258,6 +279,11 @@ fn distant_stages() -> Vec<(&'static str, Stage)> {
         ("directional", Stage::other(Light::Directional(Directional { direction, irradiance: LE }))),
         ("constant", Stage::other(Light::Constant(Constant { radiance: LE }))),
         ("envmap", Stage::other(Light::EnvMap(EnvMap::new(16, 9, noisy_map(16, 9), 1.5, &rotation)))),
+        ("constant through a view", Stage::with_view(Light::Constant(Constant { radiance: LE }))),
+        (
+            "envmap through a view",
+            Stage::with_view(Light::EnvMap(EnvMap::new(16, 9, noisy_map(16, 9), 1.5, &rotation))),
+        ),
         ("one-row envmap", Stage::other(Light::EnvMap(EnvMap::new(3, 1, noisy_map(3, 1), 1.0, &rotation)))),
     ]
 }
@@ -368,7 +394,7 @@ fn a_sampled_point_has_the_density_that_it_states() {
                 continue;
             }
             if stage.light.is_environment() {
-                assert_eq!(li.pdf_w, stage.light.pdf_li_env(&ctx, li.wi), "{name}");
+                assert_eq!(li.pdf_w, stage.light.pdf_li_env(&ctx, Vec3::ZERO, li.wi), "{name}");
                 continue;
             }
             // Find the point again by a ray; skip edges and grazing views, where rounding decides.
@@ -401,7 +427,7 @@ fn densities_over_directions_integrate_to_the_sampled_share() {
             let d = warp::uniform_sphere(s.next_2d());
             let pdf = match stage.trace(&Ray::new(p, d)) {
                 Some(si) => stage.light.pdf_li(&ctx, p, &si),
-                None => stage.light.pdf_li_env(&ctx, d),
+                None => stage.light.pdf_li_env(&ctx, Vec3::ZERO, d),
             };
             pdf as f64 * 4.0 * PI
         });
@@ -607,7 +633,7 @@ proptest! {
                 prop_assert!(stage.light.sample_li(&ctx, p, u).is_none(), "{name}");
                 prop_assert!(stage.light.sample_le(&ctx, u, v).is_none(), "{name}");
                 prop_assert!(stage.light.radiance_env(&ctx, warp::uniform_sphere(v)).is_black(), "{name}");
-                let pdf = stage.light.pdf_li_env(&ctx, warp::uniform_sphere(u));
+                let pdf = stage.light.pdf_li_env(&ctx, Vec3::ZERO, warp::uniform_sphere(u));
                 prop_assert!(pdf.is_finite() && pdf >= 0.0, "{name}: {pdf}");
             }
             Ok(())

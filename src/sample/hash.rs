@@ -30,6 +30,8 @@ pub enum Purpose {
     Connection = 13,
     /// Which branches of a camera path that splits are worth following.
     Branch = 14,
+    /// Rays that find where an environment is seen.
+    Sky = 15,
 }
 
 /// A bijective 64-bit mixer with full avalanche (the finaliser of SplitMix64 [Steele et al. 2014]).

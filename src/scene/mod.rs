@@ -13,6 +13,7 @@ mod predict;
 #[expect(clippy::module_inception)]
 mod scene;
 mod settings;
+mod sky;
 pub mod xml;
 
 pub use aims::{PhotonAims, PhotonShare, PhotonTarget};

@@ -12,7 +12,7 @@ use crate::bsdf::{self, Bsdf, LobeMask, Material, MaterialId, Plain};
 use crate::camera::Camera;
 use crate::color::Rgb;
 use crate::geometry::{GeometrySet, Hit, Ray, SurfaceInteraction};
-use crate::light::{Light, LightContext, LightLi, LightSelector, NearLights};
+use crate::light::{Light, LightContext, LightLi, LightSelector, NearLights, SkyView};
 use crate::math::{Bounds3, offset_ray_origin};
 use crate::texture::Textures;
 
@@ -73,6 +73,8 @@ pub struct Scene {
     /// The light at infinity that escaping rays see.
     pub environment: Option<u32>,
     pub(super) light_contrast: f32,
+    /// Where the environment is seen, if most of it is hidden.
+    pub(super) sky: Option<SkyView>,
     /// Picks lights by their power.
     pub selector: LightSelector,
     /// Picks the lights that emit photons and light paths; as `selector` where the scene file says nothing of their shares.
@@ -206,7 +208,12 @@ impl Scene {
     /// What lights look things up in.
     #[inline]
     pub fn light_context(&self) -> LightContext<'_> {
-        LightContext { geometry: &self.geometry, textures: &self.textures, scene_sphere: self.scene_sphere }
+        LightContext {
+            geometry: &self.geometry,
+            textures: &self.textures,
+            scene_sphere: self.scene_sphere,
+            sky: self.sky.as_ref(),
+        }
     }
 
     /// The light on the shape at `si`.
@@ -249,9 +256,9 @@ impl Scene {
 
     /// Density per steradian with which the environment is picked and then the direction `d`, seen from `p`.
     #[inline]
-    pub fn pdf_environment(&self, _p: Vec3, d: Vec3) -> f32 {
+    pub fn pdf_environment(&self, p: Vec3, d: Vec3) -> f32 {
         match self.environment {
-            Some(i) => self.selector.pmf(i as usize) * self.lights[i as usize].pdf_li_env(&self.light_context(), d),
+            Some(i) => self.selector.pmf(i as usize) * self.lights[i as usize].pdf_li_env(&self.light_context(), p, d),
             None => 0.0,
         }
     }

@@ -102,7 +102,7 @@ pub(super) fn arrive_from_light(
     } else if le.delta_direction {
         (1.0, 0.0, emit * pdf_a)
     } else {
-        let direct = recipe.scene.lights[index].pdf_li_le(si.p, le) as f64;
+        let direct = recipe.scene.lights[index].pdf_li_le(&recipe.scene.light_context(), si.p, le) as f64;
         let back = if le.finite { le.n.dot(le.ray.d) as f64 / dist_sq } else { 1.0 };
         (direct * back, back, emit * pdf_a * pdf_w / if le.finite { dist_sq } else { 1.0 })
     };

@@ -109,7 +109,7 @@ impl LightWalk {
         let dist_sq = le.p.distance_squared(si.p) as f64;
         // Light sampling may pick the light more or less often than emission does.
         let picks = recipe.scene.selector.pmf(self.light.0) as f64 / pmf;
-        let direct = recipe.scene.lights[self.light.0].pdf_li_le(si.p, le) as f64;
+        let direct = recipe.scene.lights[self.light.0].pdf_li_le(&recipe.scene.light_context(), si.p, le) as f64;
         let cos_light = if le.finite { le.n.dot(le.ray.d) as f64 } else { 1.0 };
         let (dvcm, dvc) = if le.delta_position {
             (dist_sq / pdf_w, 0.0)

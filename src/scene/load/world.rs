@@ -134,7 +134,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
             return Err(SceneError::at(&child.pos, "a second environment light")
                 .help("a scene has at most one envmap or constant emitter"));
         }
-        if light.is_dark(&LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere }) {
+        if light.is_dark(&LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere, sky: None }) {
             continue;
         }
         shares.extend(loader.photon_share(child, lights.len())?);
@@ -146,7 +146,7 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     let used = loader.used();
     loader.check_unused_textures(&textures, &mut stats)?;
     loader.forget(used);
-    let context = LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere };
+    let context = LightContext { geometry: &geometry, textures: &loader.textures, scene_sphere, sky: None };
     let selector = LightSelector::new(lights.iter().map(|l| l.power(&context)));
     let near_lights = NearLights::new(&lights, &context);
     loader.check_shares(&shares, &selector)?;
@@ -186,8 +186,10 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
         textures: loader.textures,
         geometry,
         nested,
+        sky: None,
     };
     scene.place_lens();
+    scene.look_at_sky();
     Ok(scene)
 }
 

@@ -131,10 +131,12 @@ impl FullPath {
             }
             Light::Directional(_) | Light::Constant(_) => {
                 infinite = true;
-                let density = if scene.lights[self.light].is_delta() { 1.0 } else { 0.25 / PI };
-                d.light[0] = emits * density;
+                let light = &scene.lights[self.light];
+                d.light[0] = if light.is_delta() { emits } else { emits * 0.25 / PI };
                 d.light[1] = cos(x[1].n, self.dir[0]) / (PI * radius * radius);
-                d.direct = pmf * density;
+                // Light samples follow where the sky is seen from; `light/` tests that density.
+                let seen = || light.pdf_li_env(&scene.light_context(), x[1].p, -self.dir[0]) as f64;
+                d.direct = if light.is_delta() { pmf } else { pmf * seen() };
             }
             _ => unreachable!("not in these scenes"),
         }
