@@ -156,7 +156,7 @@ impl LobeWalk {
             beta *= s.weight;
             eta *= s.eta;
             ray = next;
-            if !roulette(&mut beta, eta, depth, self.rr_depth, sampler) {
+            if !roulette(&mut beta, eta, depth, (self.rr_depth, 1.0), sampler) {
                 break;
             }
         }

@@ -20,7 +20,7 @@ use crate::color::Rgb;
 use crate::geometry::{Ray, SurfaceInteraction};
 use crate::sample::Sampler;
 use crate::scene::Scene;
-use crate::shoot::survival;
+use crate::shoot::{MANY_EDGES, survival};
 use crate::tally::Counters;
 
 /// One sample of the film.
@@ -55,16 +55,19 @@ pub type MaxDepth = Option<u32>;
 
 /// Russian roulette on the largest channel from `rr_depth` edges on, `beta` readjusted; false ends the path.
 ///
+/// Paths that carry more than `faint` ≤ 1 go on for certain, and those that carry less weigh that much when they do.
 /// `eta` is the product of the relative indices crossed: its square undoes the scaling of radiance inside dielectrics.
 /// Survivors never weigh more than 1: ending at least one path in twenty whatever its weight, as is often done, lets the
 /// weight grow without bound where albedos exceed 0.95, and the variance with it. See [`survival`] for paths without loss.
 #[inline]
-fn roulette(beta: &mut Rgb, eta: f32, depth: u32, rr_depth: u32, sampler: &mut Sampler) -> bool {
+fn roulette(beta: &mut Rgb, eta: f32, depth: u32, (rr_depth, faint): (u32, f32), sampler: &mut Sampler) -> bool {
     let largest = beta.max_channel();
     if largest <= 0.0 || largest.is_nan() {
         return false;
     }
-    let survive = survival(largest * eta * eta, depth, rr_depth);
+    // What is trapped has to end some day.
+    let faint = if depth < MANY_EDGES { faint } else { 1.0 };
+    let survive = survival(largest * eta * eta / faint, depth, rr_depth);
     if survive < 1.0 {
         if sampler.next_1d() >= survive {
             return false;

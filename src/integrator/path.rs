@@ -100,7 +100,7 @@ impl Integrator for Path {
             eta *= s.eta;
             previous = Previous { p: si.p, pdf: s.pdf, delta: !s.lobe.intersects(LobeMask::SMOOTH) };
             ray = si.spawn_ray(s.wi);
-            if !roulette(&mut beta, eta, depth, self.rr_depth, sampler) {
+            if !roulette(&mut beta, eta, depth, (self.rr_depth, 1.0), sampler) {
                 break;
             }
         }

@@ -349,7 +349,7 @@ fn bidirectional(s: &IntegratorSettings, own: bool, method: VcmSettings) -> VcmS
     };
     VcmSettings {
         max_depth: max_depth(s),
-        rr_depth: s.integer("rr_depth").unwrap_or(5).max(1) as u32,
+        rr_depth: s.integer("rr_depth").filter(|_| own).map_or(method.rr_depth, |d| d.max(1) as u32),
         hide_emitters: s.boolean("hide_emitters").unwrap_or(false),
         connect,
         connect_vertices: switch("connect_vertices", true),

@@ -106,7 +106,7 @@ impl PhotonMapper<'_> {
             beta *= s.weight;
             eta *= s.eta;
             ray = next;
-            if !roulette(&mut beta, eta, depth, self.settings.rr_depth, sampler) {
+            if !roulette(&mut beta, eta, depth, (self.settings.rr_depth, 1.0), sampler) {
                 break;
             }
         }

@@ -20,6 +20,10 @@ pub enum Merging {
     All,
 }
 
+/// Edges after which Russian roulette may end a sub-path, if nothing else is asked for. Sooner than in other methods: long
+/// sub-paths find little that short ones of the other side do not.
+const RR_DEPTH: u32 = 2;
+
 /// Parameters of the bidirectional methods, named as in Mitsuba 0.6.
 #[derive(Clone, Copy, Debug)]
 pub struct VcmSettings {
@@ -59,7 +63,7 @@ impl Default for VcmSettings {
     fn default() -> Self {
         Self {
             max_depth: None,
-            rr_depth: 5,
+            rr_depth: RR_DEPTH,
             hide_emitters: false,
             camera_paths: true,
             connect: true,
