@@ -67,11 +67,14 @@ impl Cells {
         self.count.element_product() as usize
     }
 
-    /// The cell of `p`, or the nearest one.
+    /// The cell of `p`, unless that is outside of all.
     #[inline]
-    pub fn index(&self, p: Vec3) -> usize {
-        let c = ((p - self.origin) * self.scale).clamp(Vec3::ZERO, self.count.as_vec3() - 1.0).as_uvec3();
-        ((c.z * self.count.y + c.y) * self.count.x + c.x) as usize
+    pub fn index(&self, p: Vec3) -> Option<usize> {
+        let (c, count) = ((p - self.origin) * self.scale, self.count.as_vec3());
+        // The faces belong to the cells behind them.
+        let inside = c.cmpge(Vec3::ZERO).all() && c.cmple(count).all();
+        let c = c.min(count - 1.0).as_uvec3();
+        inside.then(|| ((c.z * self.count.y + c.y) * self.count.x + c.x) as usize)
     }
 }
 
@@ -168,7 +171,7 @@ impl SkyView {
     /// What is seen from `p`, if that is known.
     #[inline]
     pub(super) fn at(&self, p: Vec3) -> Option<&View> {
-        self.views.get(self.of_cell[self.cells.index(p)] as usize)
+        self.views.get(self.of_cell[self.cells.index(p)?] as usize)
     }
 }
 
@@ -231,12 +234,14 @@ mod tests {
         let mut s = Sampler::new(Sequence::Independent, Key::new(4, Purpose::Test, 0), 0);
         for _ in 0..2000 {
             let (u, z) = (s.next_2d(), s.next_1d());
-            seen[cells.index(bounds.min + u.extend(z) * (bounds.max - bounds.min))] = true;
+            seen[cells.index(bounds.min + u.extend(z) * (bounds.max - bounds.min)).expect("inside")] = true;
         }
         assert!(seen.iter().all(|&s| s));
-        assert_eq!(cells.index(Vec3::splat(-9.0)), 0);
-        assert_eq!(cells.index(Vec3::splat(9.0)), cells.count() - 1);
+        assert_eq!((cells.index(bounds.min), cells.index(bounds.max)), (Some(0), Some(cells.count() - 1)));
+        for outside in [Vec3::splat(-9.0), Vec3::splat(9.0), Vec3::splat(f32::NAN), Vec3::new(0.0, 0.51, 0.25)] {
+            assert_eq!(cells.index(outside), None, "{outside}");
+        }
         let point = Cells::new(&Bounds3 { min: Vec3::ONE, max: Vec3::ONE }, 12);
-        assert_eq!((point.count(), point.index(Vec3::ONE)), (1, 0));
+        assert_eq!((point.count(), point.index(Vec3::ONE)), (1, Some(0)));
     }
 }

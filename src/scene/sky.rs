@@ -2,17 +2,20 @@
 
 use std::ops::Range;
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::Scene;
 use crate::geometry::Ray;
 use crate::light::{Cells, DIRECTIONS, SkyView, View, around, direction_index};
-use crate::math::Frame;
+use crate::math::{Bounds3, Frame};
 use crate::sample::{Key, Purpose, Sampler, Sequence, warp};
 
-/// Cells along the longest edge of the scene.
+/// Cells along the longest edge of the box around the places that are seen, but for a hundredth at each of its faces.
 const CELLS: u32 = 12;
+
+/// How far the box reaches beyond them, in units of its longest edge.
+const MARGIN: f32 = 1e-3;
 
 /// Walks from the camera, surfaces of each at most, and directions tried at each surface.
 const WALKS: u64 = 1 << 14;
@@ -33,7 +36,7 @@ const EVEN: f32 = 10.0;
 
 /// A direction tried from a surface.
 struct Look {
-    cell: u32,
+    p: Vec3,
     direction: u32,
     /// What arrives, cosine included.
     light: f32,
@@ -52,20 +55,20 @@ impl Scene {
         if self.nested.is_some() || light.peak_radiance() > EVEN * mean {
             return;
         }
-        let cells = Cells::new(&self.bounds, CELLS);
-        if !is_hidden(&self.look(&cells, 0..CHUNK)) {
+        if !is_hidden(&self.look(0..CHUNK)) {
             return;
         }
         let chunks = (0..WALKS / CHUNK).into_par_iter();
-        let looks: Vec<Look> = chunks.flat_map_iter(|i| self.look(&cells, i * CHUNK..(i + 1) * CHUNK)).collect();
+        let looks: Vec<Look> = chunks.flat_map_iter(|i| self.look(i * CHUNK..(i + 1) * CHUNK)).collect();
         if is_hidden(&looks) {
+            let cells = Cells::new(&surroundings(&looks), CELLS);
             self.sky = Some(SkyView::new(cells, views(&cells, &looks)));
             self.light_contrast = f32::INFINITY;
         }
     }
 
     /// Tries directions at the surfaces of such `walks`.
-    fn look(&self, cells: &Cells, walks: Range<u64>) -> Vec<Look> {
+    fn look(&self, walks: Range<u64>) -> Vec<Look> {
         let mut looks = Vec::new();
         let (width, height) = self.camera.window().size;
         let film = Vec2::new(width as f32, height as f32);
@@ -82,7 +85,7 @@ impl Scene {
                     let whole = self.environment_radiance(d).mean() * local.z;
                     let hidden = self.accel.occluded(&Ray::new(si.spawn_origin(d), d));
                     looks.push(Look {
-                        cell: cells.index(si.p) as u32,
+                        p: si.p,
                         direction: direction_index(d) as u32,
                         light: if hidden { 0.0 } else { whole },
                         whole,
@@ -102,11 +105,26 @@ fn is_hidden(looks: &[Look]) -> bool {
     light > 0.0 && light < OPEN * whole
 }
 
+/// The box around nearly all places: what is seen far outside of a room must not make its cells coarse.
+fn surroundings(looks: &[Look]) -> Bounds3 {
+    let ends: [(f32, f32); 3] = std::array::from_fn(|axis| {
+        let mut all: Vec<f32> = looks.iter().step_by(TRIED as usize).map(|l| l.p[axis]).collect();
+        let few = all.len() / 100;
+        let mut nth = |n: usize| *all.select_nth_unstable_by(n, f32::total_cmp).1;
+        (nth(few), nth(looks.len().div_ceil(TRIED as usize) - 1 - few))
+    });
+    let (min, max) = (Vec3::from(ends.map(|e| e.0)), Vec3::from(ends.map(|e| e.1)));
+    // Places on a floor are a little above or below it.
+    let margin = MARGIN * (max - min).max_element();
+    Bounds3 { min: min - margin, max: max + margin }
+}
+
 /// The view of each cell where enough was tried.
 fn views(cells: &Cells, looks: &[Look]) -> impl Iterator<Item = Option<View>> {
     let mut sums = vec![([0.0f32; DIRECTIONS], [0u32; DIRECTIONS]); cells.count()];
     for l in looks {
-        let (light, tried) = &mut sums[l.cell as usize];
+        let Some(cell) = cells.index(l.p) else { continue };
+        let (light, tried) = &mut sums[cell];
         light[l.direction as usize] += l.light;
         tried[l.direction as usize] += 1;
     }
@@ -129,7 +147,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::math::{DVec3, Vec3};
+    use crate::math::DVec3;
     use crate::scene::LoadOptions;
 
     /// A box of side 2 around the eye, with a square window of side `2 opening` in one wall if that is not 0, and what else there is.
@@ -192,6 +210,21 @@ mod tests {
             assert!(mean > 0.0 && (mean - plain_mean).abs() < 5.0 * error, "{mean} {plain_mean} ± {error}");
             assert!(variance < 0.2 * plain, "{variance} {plain}");
         }
+    }
+
+    /// A plain around the house makes the cells of the room no coarser.
+    #[test]
+    fn what_is_far_away_is_left_out() {
+        let plain = r#"<shape type="rectangle"><transform name="to_world"><scale value="40"/><rotate x="1" angle="-90"/>
+            <translate y="-1.01"/></transform></shape>"#;
+        let scene = room(0.2, &format!("{plain}{SKY}"));
+        let looks = scene.look(0..4 * CHUNK);
+        let bounds = surroundings(&looks);
+        let size = (bounds.max - bounds.min) / scene.to_scene.scale as f32;
+        assert!(size.cmpge(Vec3::splat(1.9)).all() && size.max_element() < 8.0, "{size}");
+        let cells = Cells::new(&bounds, CELLS);
+        let known = looks.iter().filter(|l| cells.index(l.p).is_some()).count();
+        assert!(known as f64 > 0.93 * looks.len() as f64, "{known} of {}", looks.len());
     }
 
     /// Where the environment is in the open, or is nowhere, nothing is learnt.
