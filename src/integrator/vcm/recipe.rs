@@ -82,9 +82,10 @@ impl Default for VcmSettings {
 }
 
 impl VcmSettings {
-    /// Light tracing: light paths connected to the lens, and lights that the camera sees at once.
+    /// Light tracing: light paths connected to the lens, and lights that the camera sees at once. Roulette waits as long as in
+    /// `path`: no other technique takes the weight off a survivor that lands before the lens.
     pub fn ptracer() -> Self {
-        Self { camera_paths: false, ..Self::bdpt() }
+        Self { camera_paths: false, rr_depth: 5, ..Self::bdpt() }
     }
 
     /// Bidirectional path tracing.
