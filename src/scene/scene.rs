@@ -112,7 +112,7 @@ impl Scene {
     }
 
     /// How much brighter than what its lights would make of the inside of the scene's sphere, were it white, the brightest of
-    /// them is that rays can meet: 1 for an even sky alone, thousands for a small lamp.
+    /// them is that rays can meet: 1 for an even sky alone, thousands for a small lamp, infinite for a sky of which little arrives.
     #[inline(always)]
     pub fn light_contrast(&self) -> f32 {
         self.light_contrast

@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::Scene;
-use crate::geometry::Ray;
+use super::load::light_contrast;
 use crate::light::{Cells, DIRECTIONS, SkyView, View, around, direction_index};
 use crate::math::{Bounds3, Frame};
 use crate::sample::{Key, Purpose, Sampler, Sequence, warp};
@@ -49,10 +49,8 @@ impl Scene {
     /// brighter than what it lights as a lamp is.
     pub(super) fn look_at_sky(&mut self) {
         let Some(environment) = self.environment else { return };
-        let light = &self.lights[environment as usize];
-        let mean = light.power(&self.light_context()).mean()
-            / (4.0 * std::f32::consts::PI * self.light_context().disc_area() as f32);
-        if self.nested.is_some() || light.peak_radiance() > EVEN * mean {
+        let light = std::slice::from_ref(&self.lights[environment as usize]);
+        if self.nested.is_some() || light_contrast(light, &self.light_context()) > EVEN {
             return;
         }
         if !is_hidden(&self.look(0..CHUNK)) {
@@ -83,7 +81,7 @@ impl Scene {
                     let local = warp::uniform_hemisphere(s.next_2d());
                     let d = frame.to_world(local);
                     let whole = self.environment_radiance(d).mean() * local.z;
-                    let hidden = self.accel.occluded(&Ray::new(si.spawn_origin(d), d));
+                    let hidden = self.accel.occluded(&si.spawn_ray(d));
                     looks.push(Look {
                         p: si.p,
                         direction: direction_index(d) as u32,
@@ -109,9 +107,9 @@ fn is_hidden(looks: &[Look]) -> bool {
 fn surroundings(looks: &[Look]) -> Bounds3 {
     let ends: [(f32, f32); 3] = std::array::from_fn(|axis| {
         let mut all: Vec<f32> = looks.iter().step_by(TRIED as usize).map(|l| l.p[axis]).collect();
-        let few = all.len() / 100;
+        let (few, last) = (all.len() / 100, all.len() - 1);
         let mut nth = |n: usize| *all.select_nth_unstable_by(n, f32::total_cmp).1;
-        (nth(few), nth(looks.len().div_ceil(TRIED as usize) - 1 - few))
+        (nth(few), nth(last - few))
     });
     let (min, max) = (Vec3::from(ends.map(|e| e.0)), Vec3::from(ends.map(|e| e.1)));
     // Places on a floor are a little above or below it.
@@ -147,6 +145,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
+    use crate::geometry::Ray;
     use crate::math::DVec3;
     use crate::scene::LoadOptions;
 

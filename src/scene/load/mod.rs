@@ -22,7 +22,7 @@ use crate::bsdf::{Material, MaterialId};
 use crate::texture::{TextureId, Textures};
 
 pub(super) use predict::predict;
-pub(super) use world::load;
+pub(super) use world::{light_contrast, load};
 
 /// The map from the world of the scene file to the unit box in which everything is computed.
 #[derive(Clone, Copy, Debug, PartialEq)]

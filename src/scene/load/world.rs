@@ -193,8 +193,8 @@ pub fn load(doc: &Document, options: &LoadOptions) -> Result<Scene, SceneError> 
     Ok(scene)
 }
 
-/// See [`Scene::light_contrast`].
-fn light_contrast(lights: &[Light], context: &LightContext) -> f32 {
+/// How much brighter the brightest of `lights` is than what all of them make of white surfaces in the open.
+pub fn light_contrast(lights: &[Light], context: &LightContext) -> f32 {
     let peak = lights.iter().map(Light::peak_radiance).fold(0.0, f32::max);
     let power: f64 = lights.iter().map(|l| f64::from(l.power(context).mean())).sum();
     let even = power / (4.0 * std::f64::consts::PI * context.disc_area());
