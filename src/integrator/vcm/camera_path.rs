@@ -85,6 +85,10 @@ impl CameraWalk {
             return self.unmerged as u8 as f32;
         }
         let mut mis = self.mis;
+        // All that is summed up of direct light is its image.
+        if self.depth == 2 {
+            mis.dvc *= recipe.direct_image;
+        }
         mis.resolve(recipe.merges_direct());
         weight(emitter_hit(&mis, direct, emit)) as f32
     }
@@ -322,7 +326,8 @@ pub(super) fn next_event_sums(
         return correlation::next_event_sums(recipe, trails, eta, index, li, (ratio, hit, pdf.rev));
     }
     let merge = if recipe.merges_direct() { v.merge } else { 0.0 };
-    hit + side(v.mis, ratio, pdf.rev, merge)
+    let image = if v.depth == 1 { recipe.direct_image } else { 1.0 };
+    hit + side(&Mis { dvcm: image * v.mis.dvcm, ..*v.mis }, ratio, pdf.rev, merge)
 }
 
 /// Connects a camera vertex at the end of a path of weight `beta` with a light vertex.

@@ -199,7 +199,7 @@ impl FullPath {
     fn others(&self, recipe: &Recipe, eta: f64, found: Found) -> f64 {
         let (x, k) = (&self.x, self.x.len() + 1);
         let rho = self.correlation();
-        let count = recipe.light_paths as f64;
+        let count = recipe.light_paths as f64 * if x.len() == 1 { recipe.direct_image } else { 1.0 };
         let s = match found {
             Found::Hit => 1,
             Found::Connected(s) | Found::Merged(s) => s,

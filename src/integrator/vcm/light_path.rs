@@ -288,7 +288,8 @@ pub(super) fn lens_sums(
         return correlation::lens_sums(recipe, eta, links, v, (pdf_a, pdf.rev), distance);
     }
     let merge = if v.merges { eta } else { 0.0 };
-    side(&v.mis, pdf_a / recipe.light_paths as f64, pdf.rev, merge)
+    let image = if v.depth == 1 { recipe.direct_image } else { 1.0 };
+    side(&v.mis, pdf_a / (image * recipe.light_paths as f64), pdf.rev, merge)
 }
 
 /// Whether nothing stands between a vertex and the camera's near plane; hidden emitters do not.

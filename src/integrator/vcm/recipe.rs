@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use super::emission::{Emission, Learnt};
 use super::radius::automatic_radius;
-use super::weights::Mis;
+use super::weights::{Mis, light_image_share};
 use crate::bsdf::{LobeMask, may_have};
 use crate::geometry::SurfaceInteraction;
 use crate::integrator::MaxDepth;
@@ -127,6 +127,8 @@ pub struct Recipe<'s> {
     pub first_radius: f64,
     /// 1 when vertices are connected.
     pub connect: f64,
+    /// Of light straight from a light, what the density of the light image counts for in weights.
+    pub direct_image: f64,
     /// Where light paths start, if that is guided.
     pub(super) emission: Option<Arc<Emission>>,
     classes: Vec<SurfaceClass>,
@@ -169,6 +171,7 @@ impl<'s> Recipe<'s> {
             light_paths: w as u64 * h as u64,
             first_radius,
             connect: settings.connect as u8 as f64,
+            direct_image: light_image_share((0..scene.selector.len()).map(|i| scene.selector.pmf(i) as f64)),
             emission: None,
             classes,
         }

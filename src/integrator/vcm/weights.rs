@@ -9,6 +9,11 @@
 //! only at the next vertex whether that is so; what the merge would add waits in `pending` until then.
 //!
 //! Densities of Russian roulette are left out of all weights alike: they sum to one all the same.
+//!
+//! The balance heuristic makes second moments small. Light paths fall on a pixel by chance, so that their second moment is
+//! all variance; that of light sampling is mostly the square of its mean, which does no harm. For light straight from
+//! a light, which both find, the light image counts for less than its density [Grittmann, Georgiev, Slusallek and
+//! Křivánek 2019, "Variance-aware multiple importance sampling", §4.1]: [`light_image_share`].
 
 /// Partial sums of one end of a sub-path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -57,6 +62,21 @@ impl Mis {
     }
 }
 
+/// Squared relative deviation of light sampling that is taken for granted: shadows, and how a light's distance and angle
+/// change over it.
+const LIGHT_SAMPLING_VARIANCE: f64 = 1.0 / 7.0;
+
+/// What the light image's density of direct light is multiplied by in weights: variance over second moment of light sampling,
+/// which picks light `i` with the probability `pmf(i)`. It is an estimate; weights add up to one with any.
+///
+/// If each of `n` lights is all there is to see somewhere, picking one of them has the relative variance `n − 1`; `n` is
+/// counted by `1 / Σ pmf²`, so that faint ones hardly count.
+pub fn light_image_share(pmf: impl Iterator<Item = f64>) -> f64 {
+    let lights = 1.0 / pmf.map(|p| p * p).sum::<f64>();
+    let variance = lights - 1.0 + LIGHT_SAMPLING_VARIANCE;
+    if variance.is_finite() { variance / (1.0 + variance) } else { 1.0 }
+}
+
 /// Weight of a path whose other techniques have `sum` times its density.
 #[inline]
 pub fn weight(sum: f64) -> f64 {
@@ -82,4 +102,20 @@ pub fn side(this: &Mis, pdf_a: f64, rev: f64, merge: f64) -> f64 {
 #[inline]
 pub fn merged_side(this: &Mis, rev: f64, connect: f64, eta: f64) -> f64 {
     (connect * this.dvcm + this.dvc * rev) / eta
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_sampling_of_many_lights_is_no_better_than_the_light_image() {
+        let of = |pmf: &[f64]| light_image_share(pmf.iter().copied());
+        assert!((of(&[1.0]) - 0.125).abs() < 1e-12);
+        assert!((of(&[0.5, 0.5]) - 8.0 / 15.0).abs() < 1e-12);
+        assert!((of(&[0.0, 1.0]) - 0.125).abs() < 1e-12, "a dark light does not count");
+        assert!((0.125..0.25).contains(&of(&[0.95, 0.05])), "nor does a faint one, much: {}", of(&[0.95, 0.05]));
+        assert!(of(&[0.001; 1000]) > 0.99);
+        assert_eq!(of(&[]), 1.0);
+    }
 }

@@ -181,6 +181,11 @@ impl FullPath {
         camera / (camera + light - camera * light)
     }
 
+    /// Light paths that weights take to splat such paths.
+    fn image_count(&self, recipe: &Recipe) -> f64 {
+        recipe.light_paths as f64 * if self.x.len() == 3 { recipe.direct_image } else { 1.0 }
+    }
+
     /// All techniques with the number of times that each is tried times its density.
     fn techniques(&self, recipe: &Recipe, d: &Densities, eta: f64) -> Vec<(Technique, f64)> {
         let k = self.x.len() - 1;
@@ -199,7 +204,7 @@ impl FullPath {
                 }
             }
             if k >= 2 && smooth(k - 1) && recipe.settings.light_image {
-                all.push((Technique::Connect(k), light(k) * recipe.light_paths as f64));
+                all.push((Technique::Connect(k), light(k) * self.image_count(recipe)));
             }
         }
         for i in 1..k {
@@ -252,7 +257,7 @@ impl FullPath {
         // From the camera.
         let mut camera = vec![Mis::default(); k];
         let image = recipe.settings.light_image as u8 as f64;
-        camera[k - 1].dvcm = image * recipe.light_paths as f64 / d.camera[k - 1];
+        camera[k - 1].dvcm = image * self.image_count(recipe) / d.camera[k - 1];
         for i in (1..k).rev() {
             let mut mis = camera[i];
             let (fwd, rev) = self.scattering(scene, i);
@@ -293,7 +298,7 @@ impl FullPath {
                 hit + side(&camera[1], d.light[0] * d.light[1] / d.direct, rev(1).0, merge_at(1))
             }
             Technique::Connect(s) if s == k => {
-                side(&light[k - 1], d.camera[k - 1] / recipe.light_paths as f64, rev(k - 1).1, merge_at(k - 1))
+                side(&light[k - 1], d.camera[k - 1] / self.image_count(recipe), rev(k - 1).1, merge_at(k - 1))
             }
             Technique::Connect(s) => {
                 side(&light[s - 1], d.camera[s - 1], rev(s - 1).1, merge_at(s - 1))
