@@ -171,7 +171,11 @@ impl<'s> Recipe<'s> {
             light_paths: w as u64 * h as u64,
             first_radius,
             connect: settings.connect as u8 as f64,
-            direct_image: light_image_share((0..scene.selector.len()).map(|i| scene.selector.pmf(i) as f64)),
+            // Merges do not ask what they merge: where light straight from lights is merged, all count alike.
+            direct_image: match settings.merging {
+                Merging::All => 1.0,
+                _ => light_image_share((0..scene.selector.len()).map(|i| scene.selector.pmf(i) as f64)),
+            },
             emission: None,
             classes,
         }
