@@ -13,7 +13,7 @@
 //! The balance heuristic makes second moments small. Light paths fall on a pixel by chance, so that their second moment is
 //! all variance; that of light sampling is mostly the square of its mean, which does no harm. For light straight from
 //! a light, which both find, the light image counts for less than its density [Grittmann, Georgiev, Slusallek and
-//! Křivánek 2019, "Variance-aware multiple importance sampling", §4.1]: [`light_image_share`].
+//! Křivánek 2019, "Variance-aware multiple importance sampling"], by one factor for the whole scene: [`light_image_share`].
 
 /// Partial sums of one end of a sub-path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -63,7 +63,8 @@ impl Mis {
 }
 
 /// Squared relative deviation of light sampling that is taken for granted: shadows, and how a light's distance and angle
-/// change over it.
+/// change over it. One light gives a share of an eighth by it; from a tenth to a quarter it makes little difference
+/// (`benches/RESULTS.md`).
 const LIGHT_SAMPLING_VARIANCE: f64 = 1.0 / 7.0;
 
 /// What the light image's density of direct light is multiplied by in weights: variance over second moment of light sampling,
